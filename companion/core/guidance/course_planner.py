@@ -11,7 +11,7 @@ from typing import Final, final
 
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.safety.bounds import Bound
-from companion.core.safety.response_model import CALM, CREEP_MPS, Disturbance, ResponseModel
+from companion.core.safety.response_model import CALM, CREEP_MPS, DEAD_S, Disturbance, ResponseModel
 
 COURSES: Final = 30  # to either side of the desired
 COURSE_STEP_RAD = math.radians(5.0)
@@ -93,7 +93,7 @@ class CoursePlanner:
             turn, speed = chosen // len(SPEEDS) - COURSES, SPEEDS[chosen % len(SPEEDS)]
             angle = heading + turn * COURSE_STEP_RAD
             tried = (speed * desired_mps * math.cos(angle), speed * desired_mps * math.sin(angle))
-            if not self._is_way_seen(cloud, angle, speed * desired_mps):
+            if not self._is_way_seen(cloud, tried, vel, disturbance):
                 continue
             self.verified += 1
             widens_m = wider_m * SPEED_WIDENS[chosen % len(SPEEDS)]
@@ -107,12 +107,16 @@ class CoursePlanner:
                 return tried
         return None
 
-    def _is_way_seen(self, cloud: LocalObstacleCloud, angle: float, speed_mps: float) -> bool:
+    def _is_way_seen(
+        self, cloud: LocalObstacleCloud, tried: tuple[float, float], vel: tuple[float, float], disturbance: Disturbance
+    ) -> bool:
         """Nothing can stand unseen where the vehicle would come to rest: a trunk that is near hides those behind it."""
+        speed_mps = math.hypot(tried[0], tried[1])
         if cloud.sight is None or speed_mps <= CREEP_MPS:
             return True
+        start = _acts_at(vel, disturbance)
         ahead_m = HOLD_S * speed_mps + self._response.way_m(speed_mps)
-        return cloud.sight.is_way_free(math.cos(angle), math.sin(angle), ahead_m)
+        return cloud.sight.is_way_free(start, (tried[0] / speed_mps, tried[1] / speed_mps), ahead_m)
 
     def _seen_mps(self, cloud: LocalObstacleCloud, disturbance: Disturbance) -> float:
         """The speed from which a vehicle that flies on for HOLD_S stops within what it sees."""
@@ -187,3 +191,11 @@ class CoursePlanner:
                         total += CLOSE_COST * (1.0 + excess_mps)
                 costs.append(total)
         return costs
+
+
+def _acts_at(vel: tuple[float, float], disturbance: Disturbance) -> tuple[float, float]:
+    """Where the vehicle is when the next setpoint acts, north and east from here."""
+    under_way = disturbance.under_way
+    if under_way is not None:
+        return under_way[0] + DEAD_S * (vel[0] + under_way[2]), under_way[1] + DEAD_S * (vel[1] + under_way[3])
+    return disturbance.dead_s * vel[0], disturbance.dead_s * vel[1]

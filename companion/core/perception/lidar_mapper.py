@@ -17,6 +17,7 @@ from typing import Final, final
 from companion.core.model.events import LidarScan, Position
 from companion.core.perception.level_scan import GROUND_M, LevelScan, axes_ned
 from companion.core.perception.obstacle_map import ObstacleMap
+from companion.core.vehicle.obstacle_sensor_monitor import SENSORS_MAX
 from mission.common.frames import Vec3
 
 # Above and below the vehicle: its body of 0.5 m, and how far its height may be off by the time that it is there. PX4's
@@ -28,7 +29,6 @@ TRUNK_FROM_M: Final = 2.0
 BINS: Final = 180  # of what a turn saw free: some rays in each, or it is taken as not seen
 STEEP: Final = 0.5  # sine; a steeper ray leaves the band within 2 m, and says nothing of a way
 UNSEEN_M: Final = -1.0
-SENSORS_MAX: Final = 8
 LAYER_RAD: Final = 1e-3  # elevations that differ by more are of two layers
 
 

@@ -167,24 +167,25 @@ class SensingPerception(ObstaclePerception):
         if isinstance(scan, ObstacleScan):
             turned = scan if turn_rad == 0.0 else _turned_sectors(scan, turn_rad)
             self._map.integrate_scan(turned, placed, now_s, neighbours)
-            self._integrate_turn(level_scan_of(turned, placed), scan.yaw_rad, placed, neighbours, now_s)
+            level = level_scan_of(turned, placed)
+            self._integrate_turn(scan.sensor, level, scan.yaw_rad, placed, neighbours, now_s)
         else:
             turned_rays = scan if turn_rad == 0.0 else _turned_rays(scan, turn_rad)
-            level = self._mapper.integrate_rays(turned_rays, placed, now_s, neighbours)
-            if level is not None:
-                self._integrate_turn(level, scan.last_attitude_rad[2], placed, neighbours, now_s)
+            whole = self._mapper.integrate_rays(turned_rays, placed, now_s, neighbours)
+            if whole is not None:
+                self._integrate_turn(scan.sensor, whole, scan.last_attitude_rad[2], placed, neighbours, now_s)
 
     def _integrate_turn(
-        self, level: LevelScan, yaw_rad: float, placed: Position, neighbours: Sequence[Vec3], now_s: float
+        self, sensor: int, level: LevelScan, yaw_rad: float, placed: Position, neighbours: Sequence[Vec3], now_s: float
     ) -> None:
         self._sight.note_turn(level, now_s)
-        self._noise.note_turn(level, now_s)
+        self._noise.note_turn(sensor, level, now_s)
         self.motion.integrate_turn(level, yaw_rad, placed, neighbours, now_s)
 
     @property
     def sees_motion(self) -> bool:
-        """By the own motion."""
-        return self.motion.velocity_bias_ne_mps is not None
+        """By the own motion, in all directions: a wall alone tells of one."""
+        return self.motion.velocity_bias_ne_mps is not None and self.motion.odometry.corrected_along is None
 
     def find_vehicles(self, own_ned_m: Vec3, heard: Sequence[Neighbour], now_s: float) -> Sequence[SeenVehicle]:
         """By the scans; by sectors, to which trunks in thickets seem to move, only while somebody is not heard."""

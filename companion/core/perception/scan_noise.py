@@ -10,6 +10,7 @@ import math
 from typing import Final, final
 
 from companion.core.perception.level_scan import LevelScan, ScanClass
+from companion.core.vehicle.obstacle_sensor_monitor import SENSORS_MAX
 
 PAIRS_LEAST: Final = 6  # rays that ended in both turns: fewer tell nothing
 EDGE_M: Final = 2.0  # a ray that misses by more has gone over to another thing
@@ -23,14 +24,13 @@ WIDENS_MAX_M: Final = 1.5
 
 @final
 class ScanNoise:
-    """One vehicle's sensor. `note_turn` with each whole turn, placed as the flight goes."""
+    """One vehicle's sensors, together. `note_turn` with each turn, placed as the flight goes."""
 
-    __slots__ = ("_before", "_before_s", "_normal_m", "noise_m")
+    __slots__ = ("_before", "_normal_m", "noise_m")
 
     def __init__(self, kind: ScanClass) -> None:
         self._normal_m: Final = NORMAL_M + 3.0 * kind.range_sd_m
-        self._before: LevelScan | None = None
-        self._before_s = -math.inf
+        self._before: dict[int, tuple[LevelScan, float]] = {}  # by sensor: its last turn, and when it came
         self.noise_m = 0.0  # standard deviation of a range, as turns show it
 
     @property
@@ -38,11 +38,13 @@ class ScanNoise:
         """More than the mission's margin, to be kept from all that is seen."""
         return min(WIDENS_MAX_M, WIDENS * max(0.0, self.noise_m - self._normal_m))
 
-    def note_turn(self, turn: LevelScan, now_s: float) -> None:
-        """A turn of the same sensor as the one before, or it is not compared."""
-        before, since_s = self._before, now_s - self._before_s
-        self._before, self._before_s = turn, now_s
-        if before is None or since_s > GAP_S or len(before.ranges_m) != len(turn.ranges_m):
+    def note_turn(self, sensor: int, turn: LevelScan, now_s: float) -> None:
+        """A turn of a sensor; what does not go once round is not compared."""
+        if not turn.is_whole or (sensor not in self._before and len(self._before) >= SENSORS_MAX):
+            return
+        before, before_s = self._before.get(sensor, (None, -math.inf))
+        self._before[sensor] = turn, now_s
+        if before is None or now_s - before_s > GAP_S or len(before.ranges_m) != len(turn.ranges_m):
             return
         misses_m = self._find_misses(before, turn)
         if len(misses_m) >= PAIRS_LEAST:

@@ -143,7 +143,7 @@ class ScanOdometry:
         if not (self._tracks.trunks or self._walls.walls):
             self._begin_frame(now_s)
         segments = find_walls(scan, self._kind)
-        seen = [Sighting(stem) for stem in find_stems(scan, self._kind, mark_walls(segments, len(scan.ranges_m)))]
+        seen = [Sighting(stem) for stem in find_stems(scan, self._kind, mark_walls(segments, scan))]
         walls = [WallSighting(segment) for segment in segments]
         for wall in walls:
             self._walls.match_segment(wall, self._wall_pose_m2(wall))

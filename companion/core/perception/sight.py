@@ -44,10 +44,15 @@ class Sight:
                 return True
         return not self._turns
 
-    def is_way_free(self, north: float, east: float, ahead_m: float) -> bool:
-        """The same of all places about a way, HALF_M to either side. Its direction is a unit vector."""
+    def is_way_free(self, start: tuple[float, float], way: tuple[float, float], ahead_m: float) -> bool:
+        """The same of all places about a way, HALF_M to either side.
+
+        `start`: metres from the vehicle; `way`: its direction, a unit vector. Both north and east.
+        """
         if not self._turns:
             return True
+        start_n, start_e = start
+        north, east = way
         half_seen_rad = 1.5 * self._turns[0].step_rad  # by a look: three rays
         for share in SHARES:
             away_m = share * ahead_m
@@ -58,7 +63,7 @@ class Sight:
             for k in range(looks):
                 turn_rad = half_rad * (2 * k + 1 - looks) / looks
                 n, e = away_m * math.cos(turn_rad), away_m * math.sin(turn_rad)
-                if not self.is_free(n * north - e * east, n * east + e * north):
+                if not self.is_free(start_n + n * north - e * east, start_e + n * east + e * north):
                     return False
         return True
 

@@ -18,6 +18,7 @@ GAP_SHARE: Final = 0.4  # of its length: a longer gap between two rays is no wal
 SPLIT_M: Final = 0.12  # off the chord, and three sigmas of a range
 RMS_M: Final = 0.04  # off the line, and a sigma
 BESIDE: Final = 2  # rays
+BEFORE_M: Final = 0.5  # nearer than its line: another thing, as a vehicle
 GRAZING: Final = 0.2  # cosine: rays along a wall tell little of where it is
 SURFACE_SD_M: Final = 0.02  # plaster, rock, hedges
 
@@ -77,12 +78,23 @@ def find_walls(scan: LevelScan, kind: ScanClass) -> list[WallSegment]:
     return found
 
 
-def mark_walls(walls: list[WallSegment], count: int) -> list[bool]:
-    """Of each ray of a scan, whether it ends on one, or just beside: what is left of a wall at its end is no stem."""
+def mark_walls(walls: list[WallSegment], scan: LevelScan) -> list[bool]:
+    """Of each ray of a scan, whether it ends on one, or just beside: what is left of a wall at its end is no stem.
+
+    What stands before a wall is none of it.
+    """
+    count = len(scan.ranges_m)
     marked = [False] * count
     for wall in walls:
-        for k in range(wall.first - BESIDE, wall.last + BESIDE + 1):
+        normal_n, normal_e = math.cos(wall.normal_rad), math.sin(wall.normal_rad)
+        for k in range(wall.first, wall.last + 1):
             marked[k % count] = True
+        for k in (*range(wall.first - BESIDE, wall.first), *range(wall.last + 1, wall.last + BESIDE + 1)):
+            at = k % count
+            n = scan.eyes_north_m[at] + scan.ranges_m[at] * math.cos(scan.bearings_rad[at]) - wall.north_m
+            e = scan.eyes_east_m[at] + scan.ranges_m[at] * math.sin(scan.bearings_rad[at]) - wall.east_m
+            if n * normal_n + e * normal_e < BEFORE_M:
+                marked[at] = True
     return marked
 
 

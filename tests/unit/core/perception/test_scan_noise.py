@@ -28,7 +28,7 @@ def flown(kind: ScanClass, noise_m: float, *, speed_mps: float = 3.0, turns: int
             else level_scan_of(sectors(stems, eye, 0.2 * math.sin(k)), Position((*eye, -4.0), (0.0, 0.0, 0.0)))
         )
         turn.ranges_m = [r + rng.gauss(0.0, sd_m) if r < math.inf else r for r in turn.ranges_m]
-        noise.note_turn(turn, STEP_S * k)
+        noise.note_turn(1, turn, STEP_S * k)
     return noise
 
 
@@ -50,14 +50,34 @@ def test_it_is_over_when_it_is_over() -> None:
     noise = flown(FINE, 0.6)
     assert noise.wider_m > 0.0
     for k in range(20):
-        noise.note_turn(level_scan(stand(), (24.0, 0.0)), 8.0 + STEP_S * k)
+        noise.note_turn(1, level_scan(stand(), (24.0, 0.0)), 8.0 + STEP_S * k)
     assert noise.wider_m == 0.0
 
 
 def test_turns_that_are_too_few_or_far_apart_tell_nothing() -> None:
     noise = ScanNoise(FINE)
     for k in range(10):
-        noise.note_turn(level_scan(stand(), (0.0, 0.0)), 1.0 * k)
+        noise.note_turn(1, level_scan(stand(), (0.0, 0.0)), 1.0 * k)
         part = LevelScan(math.tau / 360)
-        noise.note_turn(part, 1.0 * k + 0.1)
+        noise.note_turn(1, part, 1.0 * k + 0.1)
+    assert noise.noise_m == 0.0
+
+
+def test_two_sensors_are_no_noise_of_each_other() -> None:
+    """Mounted half round from each other: ray by ray they see other things."""
+    noise = ScanNoise(FINE)
+    for k in range(40):
+        noise.note_turn(1, level_scan(stand(), (0.0, 0.0)), 0.1 * k)
+        noise.note_turn(2, level_scan(stand(), (0.6, 0.9)), 0.1 * k + 0.05)
+    assert noise.noise_m == 0.0
+
+
+def test_a_part_of_a_turn_is_not_compared() -> None:
+    noise = ScanNoise(FINE)
+    whole = level_scan(stand(), (0.0, 0.0))
+    for k in range(40):
+        part = LevelScan(whole.step_rad)
+        for j in range(90):
+            part.add_ray(whole.bearings_rad[j], whole.ranges_m[j] + 0.5 * (k % 2), 0.0, 0.0)
+        noise.note_turn(1, part, 0.1 * k)
     assert noise.noise_m == 0.0

@@ -9,7 +9,7 @@ from companion.core.model.events import Position
 from companion.core.perception.level_scan import LevelScan, level_scan_of
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.perception.sight import KEPT, KEPT_S, Sight, SightHistory
-from companion.core.safety.response_model import ResponseModel
+from companion.core.safety.response_model import CALM, DEAD_S, Disturbance, ResponseModel
 from tests.unit.core.perception.scan_kit import Stem, level_scan, sectors
 
 NEAR: Stem = (2.5, 0.9, 0.2)
@@ -43,8 +43,8 @@ def test_a_way_is_looked_at_in_all_of_its_width() -> None:
     seen = sight(level_scan(hidden_by))
     assert seen.is_free(6.0, 0.0)
     assert seen.is_free(6.0, 0.6)
-    assert not seen.is_way_free(1.0, 0.0, 3.9)
-    assert sight(level_scan([(1.7, -2.0, 0.05)])).is_way_free(1.0, 0.0, 6.0)
+    assert not seen.is_way_free((0.0, 0.0), (1.0, 0.0), 3.9)
+    assert sight(level_scan([(1.7, -2.0, 0.05)])).is_way_free((0.0, 0.0), (1.0, 0.0), 6.0)
 
 
 def test_what_was_out_of_range_then_was_not_seen() -> None:
@@ -84,7 +84,18 @@ def test_a_vehicle_comes_to_rest_where_it_has_looked() -> None:
         planned = planner.plan(desired, desired, desired, cloud, [], wider_m=0.0, reach_m=math.inf)
         assert planned is not None
         speed_mps = math.hypot(*planned)
-        ahead_m = HOLD_S * speed_mps + response.way_m(speed_mps)
+        start, ahead_m = (DEAD_S * desired[0], 0.0), HOLD_S * speed_mps + response.way_m(speed_mps)
         n, e = planned[0] / speed_mps, planned[1] / speed_mps
-        rests_in_sight.append(seen.is_way_free(n, e, ahead_m))
+        rests_in_sight.append(seen.is_way_free(start, (n, e), ahead_m))
     assert rests_in_sight == [False, True]
+
+
+def test_the_way_begins_where_a_setpoint_acts() -> None:
+    """ArduPilot answers after a third of a second: at 3 m/s it rests a metre later than if it had answered at once."""
+    stems, response = [(5.9, 0.3, 0.05)], ResponseModel(2.0, 1.4)
+    seen = sight(turn((0.0, 0.0), stems))
+    cloud = LocalObstacleCloud(7.35, [False] * 72, sight=seen)
+    planner = CoursePlanner(response)
+    at_once = planner._is_way_seen(cloud, (3.0, 0.0), (3.0, 0.0), CALM)
+    late = planner._is_way_seen(cloud, (3.0, 0.0), (3.0, 0.0), Disturbance(under_way=(1.2, 0.0, 0.0, 0.0), dead_s=0.5))
+    assert (at_once, late) == (True, False)

@@ -12,7 +12,9 @@ from companion.core.model.vectors import ZERO
 from companion.core.perception.landmarks.stem_clusters import find_stems
 from companion.core.perception.landmarks.wall_segments import WallSegment, find_walls, mark_walls
 from companion.core.perception.level_scan import LevelScan, ScanClass
+from companion.core.perception.obstacle_perception import SensingPerception, build_perception
 from companion.core.perception.own_motion import OwnMotion
+from tests.unit.core.core_kit import mission
 from tests.unit.core.perception.scan_kit import FINE, SECTORS, level_scan
 
 Line = tuple[tuple[float, float], tuple[float, float]]  # from a place to a place, north and east
@@ -69,7 +71,7 @@ def test_two_sides_of_a_corner_are_two_walls_and_no_stems(kind: ScanClass) -> No
     scan = scan_of([EAST_WALL, NORTH_WALL], (0.0, 0.0), kind)
     walls = find_walls(scan, kind)
     assert len(walls) == 2
-    assert find_stems(scan, kind, mark_walls(walls, len(scan.ranges_m))) == []
+    assert find_stems(scan, kind, mark_walls(walls, scan)) == []
 
 
 def test_trunks_in_a_row_are_no_wall() -> None:
@@ -83,12 +85,29 @@ def test_a_box_in_sectors_is_no_stem_even_where_it_is_taken_for_no_wall(far_m: f
     assert find_stems(scan, SECTORS) == []
 
 
+@pytest.mark.parametrize(("kind", "at"), [(FINE, (0.0, 2.5)), (FINE, (4.0, 2.0)), (SECTORS, (1.0, 2.0))])
+def test_a_vehicle_before_a_wall_is_none_of_it(kind: ScanClass, at: tuple[float, float]) -> None:
+    """Hidden among the wall's rays it would never be followed, or kept clear of as one that moves."""
+    scan = scan_of([EAST_WALL], (0.0, 0.0), kind)
+    hull = level_scan([(*at, 0.35)], rays=len(scan.ranges_m))
+    scan.ranges_m = [min(both) for both in zip(scan.ranges_m, hull.ranges_m, strict=True)]
+    walls = find_walls(scan, kind)
+    assert len(walls) > 0
+    places = [
+        ((s.surface_m + s.radius_m) * math.cos(s.bearing_rad), (s.surface_m + s.radius_m) * math.sin(s.bearing_rad))
+        for s in find_stems(scan, kind, mark_walls(walls, scan))
+    ]
+    assert any(math.dist(place, at) < 0.4 for place in places)
+
+
 class Beside:
     """Flies north at 2 m/s between walls, and reports its velocity wrongly."""
 
-    def __init__(self, lines: Sequence[Line], kind: ScanClass, off_mps: tuple[float, float]) -> None:
+    def __init__(
+        self, lines: Sequence[Line], kind: ScanClass, off_mps: tuple[float, float], motion: OwnMotion | None = None
+    ) -> None:
         self.lines, self.kind, self.off_mps = lines, kind, off_mps
-        self.motion = OwnMotion(kind, turns_with_yaw=False)
+        self.motion = OwnMotion(kind, turns_with_yaw=False) if motion is None else motion
         self.now_s, self.true_m, self.told_m = 10.0, (-4.0, 0.0), (0.0, 0.0)
 
     def run(self, lasts_s: float) -> None:
@@ -118,6 +137,15 @@ def test_a_velocity_towards_a_wall_is_corrected_and_one_along_it_is_as_without(k
     assert bias[1] == pytest.approx(0.3, abs=0.07)  # truly it flies along the wall
     assert bias[0] == pytest.approx(0.11, abs=0.05)
     assert bias[2] == 0.02
+
+
+@pytest.mark.parametrize(("lines", "tells"), [([((-20.0, 4.0), (20.0, 4.0))], False), ([EAST_WALL, NORTH_WALL], True)])
+def test_one_wall_tells_the_motion_across_it_alone(lines: list[Line], *, tells: bool) -> None:
+    """Along it the reported velocity errs as before: no margin is given up."""
+    perception = build_perception(mission(sensing={"sensor": "scan-1deg"}), 1)
+    assert isinstance(perception, SensingPerception)
+    Beside(lines, FINE, (0.3, -0.3), perception.motion).run(4.0)
+    assert perception.sees_motion is tells
 
 
 def test_two_walls_that_cross_tell_all() -> None:
