@@ -10,7 +10,7 @@ from typing import Final
 
 from companion.core.guidance.guidance_input import Desired, GuidanceInput
 from companion.core.localisation.makes import build_localiser
-from companion.core.model.actions import Action, Say, SendBeacon, VelocitySetpoint, brief
+from companion.core.model.actions import Action, Say, SendBeacon, SendOdometry, VelocitySetpoint, brief
 from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import Event, HeardBeacon, OperatorOrder, Position, Ranges, Satellites, Scan
 from companion.core.model.states import FlightState, Order, Role, Severity, SwarmPhase
@@ -64,10 +64,7 @@ class Agent:
         self._waived = ""  # checks of the preflight that an operator took as accepted
 
     def waive(self, checks: str, unknown: str = "") -> None:
-        """An operator accepts these failed checks of the preflight: it is said once, when the flight is allowed.
-
-        `unknown`: what could not be, in words; heard now.
-        """
+        """An operator accepts these failed checks: said once the flight is allowed. `unknown`: what could not be."""
         self._waived = checks
         if unknown:
             self._report_text(Severity.WARNING, brief(unknown))
@@ -84,7 +81,8 @@ class Agent:
             case OperatorOrder(order):
                 self._obey(order)
             case Position():
-                airborne, seen = self.flight.vehicle.airborne, self.perception.correct_odometry(event, now_s)
+                seen = self.perception.correct_odometry(event, now_s, reckons=self.localiser.is_fix_lost)
+                airborne = self.flight.vehicle.airborne
                 self.flight.receive(self.localiser.receive_position(seen, now_s, airborne=airborne), now_s)
             case Satellites():
                 self.localiser.receive_satellites(event, now_s)
@@ -114,6 +112,9 @@ class Agent:
             )
             if orders.broadcasts:
                 actions.append(self._broadcast(picture, picture.own, orders))
+        if picture.own is not None and self.perception.take_odometry():
+            self.localiser.note_odometry(self.perception.velocity_bias(ZERO), now_s)
+            actions.append(SendOdometry(picture.own.vel_ned_mps))
         self.localiser.confirm_start(orders.leader, gathers=orders.gathers)
         self._report_waived()
         for said in (self._says, self.localiser.said):
@@ -188,7 +189,10 @@ class Agent:
         uncertain = picture.find_uncertain_peer(self.id, leader, gathers=gathers)
         lands = swarm.lands(now_s)
         findings = [*picture.lacks, *failsafe_engine.detect(Source.LOCALISATION, Readings(unsure_of=uncertain))]
-        findings += swarm.findings(picture, clear_below=lands and self._is_clear_below(picture))
+        has_room = lands and self._landing_room.is_clear(
+            picture.neighbours, picture.silent, self.perception.nearest_m(picture.own), now_s
+        )
+        findings += swarm.findings(picture, clear_below=has_room)
         requests = flight.update_flight(
             phase, now_s, findings=findings, may_join=swarm.may_join(), not_localised=picture.not_localised
         )
@@ -328,10 +332,9 @@ class Agent:
         )
 
     def _compute_setpoint(self, picture: Picture, orders: Orders) -> VelocitySetpoint:
-        if orders.state is FlightState.TAKING_OFF:  # on the ground: nothing may move it
-            return VelocitySetpoint(ZERO, self.movement.yaw_rad)
         if orders.rests:
             self._command_zero_velocity()  # from an old position nothing can be kept clear of: brake
+        if orders.rests or orders.state is FlightState.TAKING_OFF:  # on the ground nothing may move it
             return VelocitySetpoint(ZERO, self.movement.yaw_rad)
         around = self._observe_surroundings(picture)
         desired = self.guide(self._brief(picture, orders, around))
@@ -391,10 +394,6 @@ class Agent:
         if (left_m := self.swarm.trail_left_m(own.pos_ned_m)) is not None:
             return left_m
         return self.movement.to_goal_m(own.pos_ned_m, goal.resolve(picture.offset_ned_m), picture.hovering)
-
-    def _is_clear_below(self, picture: Picture) -> bool:
-        nearest_m = self.perception.nearest_m(picture.own)
-        return self._landing_room.is_clear(picture.neighbours, picture.silent, nearest_m, picture.now_s)
 
     def _report_text(self, severity: Severity, text: str) -> None:
         self._says.append(Say(severity, text))

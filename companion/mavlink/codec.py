@@ -49,6 +49,9 @@ _TIMESYNC: Final = dialect.MAVLink_timesync_message.unpacker
 _AUTOPILOT: Final = dialect.MAV_COMP_ID_AUTOPILOT1
 _LOCAL_NED: Final = dialect.MAV_FRAME_LOCAL_NED
 VELOCITY_AND_YAW: Final = 0x9C7  # type mask of SET_POSITION_TARGET_LOCAL_NED
+NAN: Final = math.nan  # not known
+LIDAR_ESTIMATOR: Final = 7  # MAV_ESTIMATOR_TYPE_LIDAR
+ODOMETRY_SD_MPS: Final = 0.1  # of the own motion by trunks, an axis (docs/explanation/own-motion.md)
 MULTICOPTERS = frozenset({2, 3, 4, 13, 14, 15, 29, 35})  # MAV_TYPE: other vehicles number their modes differently
 TIME_LIMIT_NS = 1 << 62  # 146 years: beyond it a time is not believed
 
@@ -250,6 +253,23 @@ class Codec:
             _LOCAL_NED,
         )
         return payload
+
+    def odometry(self, vel_ned_mps: Vec3, time_us: int) -> Any:
+        """ODOMETRY with a velocity alone, NED; `time_us`: by the clock of our TIMESYNC. All else is NaN."""
+        variances = [NAN] * 21  # the upper right triangle of a 6 x 6 matrix
+        variances[0] = variances[6] = variances[11] = ODOMETRY_SD_MPS * ODOMETRY_SD_MPS
+        return dialect.MAVLink_odometry_message(
+            time_us,
+            _LOCAL_NED,
+            _LOCAL_NED,
+            *(NAN, NAN, NAN),
+            (NAN, NAN, NAN, NAN),
+            *vel_ned_mps,
+            *(NAN, NAN, NAN),
+            (NAN,) * 21,
+            variances,
+            estimator_type=LIDAR_ESTIMATOR,
+        )
 
     def timesync(self, tc1_ns: int, ts1_ns: int) -> bytes:
         """TIMESYNC's payload: a request of ours (`tc1_ns` 0), or the answer to one with that `ts1_ns`."""

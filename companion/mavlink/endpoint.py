@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import Any, Final, assert_never
 
 from companion.core.agent import Agent
-from companion.core.model.actions import Action, Ask, Say, SendBeacon, VelocitySetpoint
+from companion.core.model.actions import Action, Ask, Say, SendBeacon, SendOdometry, VelocitySetpoint
 from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import Answer, AutopilotMode, Event, OperatorOrder
 from companion.core.model.states import Order, Severity
@@ -315,6 +315,9 @@ class Endpoint:
                 assert self.codec.make is not None  # nothing is asked of an unknown autopilot
                 command, parameters = self.codec.make.command(request, self.codec.altitude(altitude_m))
                 to_autopilot.append(self._to_autopilot.pack(self.codec.command(command, *parameters)))
+            case SendOdometry():
+                odometry = self.codec.odometry(action.vel_ned_mps, _nanoseconds(now_s) // 1000)
+                to_autopilot.append(self._to_autopilot.pack(odometry))
             case Say(severity, text):
                 said.append(action)
                 self._text_id = self._text_id % texts.ID_MAX + 1

@@ -51,6 +51,9 @@ ABOUT = {
     "height": "Of a mission with layers of height (`separation.height_layers`): a downward range finder holds it. "
     + " ".join(f"{make.name}: {', or '.join(aid.text for aid in make.height_aids)}." for make in MAKES.values())
     + " Read only.",
+    "odometry": "Of a vehicle with GNSS whose companion sends ODOMETRY (`sensing.sends_odometry`): it is used. "
+    + " ".join(f"{make.name}: {', or '.join(aid.text for aid in make.odometry_aids)}." for make in MAKES.values())
+    + " Read only.",
     "fence": "The polygon on the autopilot is the mission's, vertex by vertex, to 1e-7 degrees; without one there is "
     "none on the autopilot.",
     "key": "A file of 32 random bytes, mode 0600, owned by this user. A warning: none was given. It is not used yet.",
@@ -60,6 +63,7 @@ ABOUT = {
 AIDING_FIX = (
     "switch on the sensor that it carries: nothing else tells it how it moves. --apply does not: it cannot know"
 )
+ODOMETRY_FIX = "set it to use the companion's ODOMETRY, or fly with sensing.sends_odometry = false"
 HEIGHT_FIX = "set the range finder that it carries up; without one fly with separation.height_layers = false"
 FIXES = ("no GPS", "no fix", "2D", "3D", "DGPS", "RTK float", "RTK fixed", "static", "PPP")
 
@@ -86,12 +90,13 @@ def judge(survey: Survey, mission: Mission, vehicle_id: int, *, apply: bool) -> 
     yield _clock(survey)
     for rule in make.rules(mission, vehicle_id):
         yield _parameter(survey, rule, apply=apply)
-    aids = make.aids_of(mission, vehicle_id)
-    if aids:
-        yield _aiding(survey, "aiding", aids, AIDING_FIX)
-    height_aids = make.height_aids_of(mission)
-    if height_aids:
-        yield _aiding(survey, "height", height_aids, HEIGHT_FIX)
+    for name, needed, fix in (
+        ("aiding", make.aids_of(mission, vehicle_id), AIDING_FIX),
+        ("height", make.height_aids_of(mission), HEIGHT_FIX),
+        ("odometry", make.odometry_aids_of(mission, vehicle_id), ODOMETRY_FIX),
+    ):
+        if needed:
+            yield _aiding(survey, name, needed, fix)
     yield _fence(survey, mission, apply=apply)
 
 

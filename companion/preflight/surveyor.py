@@ -192,7 +192,15 @@ def survey_autopilot(mavsdk: Mavsdk, mission: Mission, vehicle_id: int, *, apply
     )
     if make is None:
         return survey
-    aids = [name for aid in (*make.aids_of(mission, vehicle_id), *make.height_aids_of(mission)) for name in aid.names]
+    aids = [
+        name
+        for aid in (
+            *make.aids_of(mission, vehicle_id),
+            *make.height_aids_of(mission),
+            *make.odometry_aids_of(mission, vehicle_id),
+        )
+        for name in aid.names
+    ]
     table = make.rules(mission, vehicle_id)
     return survey.model_copy(update=_settings(system, table, mission, survey, aids=aids, apply=apply))
 

@@ -9,7 +9,7 @@ from typing import Final
 
 from mission.document.model import CoverageShape, Estimates, Mission, Personality, Sky
 from mission.rules.flight_rules import route_points
-from mission.rules.forest_rules import ground_up_m
+from mission.rules.forest_rules import ground_up_m, lowest_crown_m
 
 HEIGHT_SD_M: Final = 1.2  # the most that was recorded of a PX4's (`estimates = "recorded"`); a test compares them
 ROOM_SDS: Final = 3.0  # of it that a mission is to leave below and above
@@ -33,14 +33,20 @@ def find_lacking_room(mission: Mission) -> str:
         return ""
     room_m = ROOM_SDS * HEIGHT_SD_M
     sphere_m = mission.coverage.radius_m if mission.coverage.shape is CoverageShape.SPHERE else 0.0
-    lowest_m = highest_m = mission.route.d1_enu_m[2]
-    over_ground_m = lowest_m - ground_up_m(mission, *mission.route.d1_enu_m[:2])
-    for _, place in route_points(mission)[1:]:
-        lowest_m, highest_m = min(lowest_m, place[2] - sphere_m), max(highest_m, place[2] + sphere_m)
-        over_ground_m = min(over_ground_m, place[2] - sphere_m - ground_up_m(mission, *place[:2]))
-    below_m = over_ground_m - (mission.sensing.vehicle_radius_m if mission.sensing is not None else 0.0)
-    above_m = mission.fence.altitude_max_m + TOLERATED_M - highest_m
-    for left_m, where in ((below_m, "above the ground"), (above_m, "below the fence's top")):
+    places = [(mission.route.d1_enu_m, 0.0), *((place, sphere_m) for _, place in route_points(mission)[1:])]
+    highest_m = max(place[2] + about_m for place, about_m in places)
+    over_m = [(place[2] - ground_up_m(mission, *place[:2]), about_m) for place, about_m in places]  # the ground there
+    lowest_over_m = min(up_m - about_m for up_m, about_m in over_m)
+    highest_over_m = max(up_m + about_m for up_m, about_m in over_m)
+    below_m = lowest_over_m - (mission.sensing.vehicle_radius_m if mission.sensing is not None else 0.0)
+    lefts = [
+        (below_m, "above the ground"),
+        (mission.fence.altitude_max_m + TOLERATED_M - highest_m, "below the fence's top"),
+    ]
+    stand = mission.forest.stand
+    if stand is not None and highest_over_m < lowest_crown_m(stand):
+        lefts.append((lowest_crown_m(stand) - highest_over_m, "below the lowest crowns"))
+    for left_m, where in lefts:
         if left_m < room_m:
             return (
                 f"{left_m:.1f} m {where}: heights by a barometer, wrong by up to {HEIGHT_SD_M:g} m rms, want "

@@ -157,12 +157,16 @@ def _trunk_at_d2(mission: MissionTables, spec: StandSpec) -> Iterator[Conflict]:
         )
 
 
+def lowest_crown_m(spec: StandSpec) -> float:
+    """Height above the ground at which the crowns of a generated stand begin: those of its thinnest trees."""
+    return min(spec.tree(0.0, 0.0, spec.dbh_min_m, species).crown_base_m for species in spec.species)
+
+
 def _crowns(mission: MissionTables, spec: StandSpec) -> Iterator[Conflict]:
     """Vehicles fly between the trunks, below every crown, or above all trees."""
-    thin = [spec.tree(0.0, 0.0, spec.dbh_min_m, species) for species in spec.species]
     thick = [spec.tree(0.0, 0.0, spec.dbh_max_m, species) for species in spec.species]
     radius_m = MARGIN_M if mission.sensing is None else mission.sensing.vehicle_radius_m
-    low_m = min(tree.crown_base_m for tree in thin) - radius_m
+    low_m = lowest_crown_m(spec) - radius_m
     high_m = max(tree.height_m for tree in thick) + radius_m
     for key, pos_enu_m in route_points(mission):
         above_m = pos_enu_m[2] - ground_up_m(mission, pos_enu_m[0], pos_enu_m[1])

@@ -379,6 +379,13 @@ class Sensing(Table):
         bool,
         Field(description="The multi-layer lidar hangs below the vehicle: its layers are between -52 and 7 degrees."),
     ] = False
+    sends_odometry: Annotated[
+        bool,
+        Field(
+            description="The autopilot is told of the own motion by trunks (ODOMETRY), and flies on by it when it "
+            "loses its GNSS fix. For vehicles with GNSS; PX4 must be set to use it (EKF2_EV_CTRL 4)."
+        ),
+    ] = False
 
 
 class Ranging(Table):

@@ -103,7 +103,7 @@ class World:
             else:
                 believed = estimated(body, errors_of(sim, vehicle_id), sim.seed, vehicle_id)
                 if gnss_fails:
-                    believed = gnss = FaultyGnss(believed, seed=sim.seed, vehicle_id=vehicle_id)
+                    believed = gnss = FaultyGnss(believed, seed=sim.seed, vehicle_id=vehicle_id, body=body)
             autopilot = make_autopilot(
                 personality,
                 vehicle_id,

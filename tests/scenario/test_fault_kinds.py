@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from mission.document.model import Mission
+from mission.document.model import Estimates, Mission
 from sim_bridge.drive.fly import Flight
 from sim_bridge.judge.verdict import Grade
 from sim_bridge.world.airframe.state import AirframeState
@@ -81,6 +81,33 @@ def test_one_that_loses_its_satellites_reckons_for_five_seconds_and_lands_by_its
     assert "vehicle 2: released: failsafe" in shown
     assert noted.states[-1][1].on_ground
     assert outcome.summary["grade"] == Grade.DEGRADED, shown
+
+
+STAND = {"density_per_ha": 300.0, "margin_m": 25.0, "spacing_min_m": 2.5, "dbh_min_m": 0.15, "dbh_mean_m": 0.3}
+
+
+@pytest.mark.parametrize(("sends", "steered"), [(True, True), (False, False)])
+def test_among_trees_one_that_loses_its_satellites_flies_on_by_trunks(
+    sends: bool, steered: bool, tmp_path: Path
+) -> None:
+    """Its autopilot is told how it moves (ODOMETRY); else it lands blindly, beside whatever stands there."""
+    noted = Noted()
+    tables = {
+        "sensing": {"sends_odometry": sends, "sensor": "scan-1deg", "range_m": 12.0},
+        "forest": {"stand": STAND},
+        "coverage": {"keep_out_m": 2.0},
+    }
+    mission = with_fault("gnss-outage", 2, at_s=2.0, for_s=20.0, tables=tables)
+    mission = mission.model_copy(
+        update={"sim": mission.sim.model_copy(update={"estimates": Estimates.RECORDED, "range_finder": True})}
+    )
+    outcome, shown = flown(mission, tmp_path, watch=noted)
+    held = {mode for now_s, _, _, mode in noted.states if now_s < noted.began_s + 20.0}
+    assert (held == {"OFFBOARD"}) is steered
+    assert ("vehicle 2: released: failsafe" in shown) is not steered
+    if steered:
+        assert outcome.succeeded, shown
+        assert noted.off_m(19.0) < 12.0  # what its autopilot reports; it corrects that by trunks
 
 
 def test_a_short_outage_is_reckoned_over(tmp_path: Path) -> None:

@@ -194,7 +194,7 @@ class CoursePlanner:
 
 
 def _acts_at(vel: tuple[float, float], disturbance: Disturbance) -> tuple[float, float]:
-    """Where the vehicle is when the next setpoint acts, north and east from here."""
+    """Place of the vehicle when the next setpoint acts, north and east from here."""
     under_way = disturbance.under_way
     if under_way is not None:
         return under_way[0] + DEAD_S * (vel[0] + under_way[2]), under_way[1] + DEAD_S * (vel[1] + under_way[3])

@@ -6,6 +6,7 @@ alike. Nothing here is uncertain, so what the other implementation has to say of
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import final
 
@@ -67,8 +68,17 @@ class GnssLocaliser(Localiser):
         """The fix alone counts: how good it is, the autopilot's own gates say."""
         self._reckoning.receive_fix(now_s, has_fix=event.has_fix)
 
-    def gnss_lost_s(self, now_s: float) -> float:
+    @property
+    def is_fix_lost(self) -> bool:
         """As the receiver says."""
+        return self._reckoning.is_lost
+
+    def note_odometry(self, off_ned_mps: Vec3, now_s: float) -> None:
+        """By it a position goes on without a fix."""
+        self._reckoning.note_odometry(now_s, off_mps=math.hypot(off_ned_mps[0], off_ned_mps[1]))
+
+    def gnss_lost_s(self, now_s: float) -> float:
+        """As the receiver says, for as long as trunks do not stand in."""
         return self._reckoning.lasts_s(now_s)
 
     def position_error_m(self, now_s: float) -> float:

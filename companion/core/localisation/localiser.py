@@ -106,6 +106,15 @@ class Localiser(ABC):
     def position_error_m(self, now_s: float) -> float:
         """Level error that such a position may have by now."""
 
+    @property
+    def is_fix_lost(self) -> bool:
+        """The fix that its position goes by is lost: what trunks tell of the way since counts more."""
+        return False
+
+    @abstractmethod
+    def note_odometry(self, off_ned_mps: Vec3, now_s: float) -> None:
+        """The autopilot is told of the own motion by trunks: `off_ned_mps` is that less what it has reported."""
+
     @abstractmethod
     def receive_ranging(self, event: Ranges | RelativeReport, now_s: float) -> None:
         """Take in own ranges, or what goes with a member's next beacon."""

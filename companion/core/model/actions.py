@@ -48,6 +48,13 @@ class Ask:
 
 
 @dataclass(frozen=True, slots=True)
+class SendOdometry:
+    """ODOMETRY: the own velocity by what the vehicle sees, for the estimator of its autopilot."""
+
+    vel_ned_mps: Vec3
+
+
+@dataclass(frozen=True, slots=True)
 class Say:
     """STATUSTEXT: what an operator must know."""
 
@@ -63,4 +70,4 @@ def brief(text: str) -> str:
     return (kept.rpartition(" ")[0] or kept) + CUT
 
 
-Action = VelocitySetpoint | SendBeacon | Ask | Say
+Action = VelocitySetpoint | SendBeacon | Ask | SendOdometry | Say

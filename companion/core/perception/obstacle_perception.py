@@ -54,10 +54,10 @@ class ObstaclePerception(ABC):
     ) -> LocalObstacleCloud:
         """The cloud about a vehicle: own position by odometry, and in the mission's frame (`placed_ned_m`)."""
 
-    def correct_odometry(self, own: Position, now_s: float) -> Position:  # noqa: ARG002
+    def correct_odometry(self, own: Position, now_s: float, *, reckons: bool = False) -> Position:  # noqa: ARG002
         """Takes in the autopilot's position and velocity as they come; returns what the flight goes by.
 
-        Without a sensor they are all there is.
+        `reckons`: the autopilot goes on without the fix that it had. Without a sensor they are all there is.
         """
         return own
 
@@ -72,6 +72,10 @@ class ObstaclePerception(ABC):
     @property
     def sees_motion(self) -> bool:
         """The own motion is corrected by trunks in sight."""
+        return False
+
+    def take_odometry(self) -> bool:
+        """True once for each turn that tells the own motion, where the mission has the autopilot told of it."""
         return False
 
     def find_vehicles(
@@ -144,14 +148,16 @@ class SensingPerception(ObstaclePerception):
         self._sight: Final = SightHistory()
         self._noise: Final = ScanNoise(ScanClass(sensing.sensor))
         self._has_widths: Final = ScanClass(sensing.sensor).has_widths
+        self._sends_odometry: Final = sensing.sends_odometry and not turns_with_yaw
+        self._odometry_s = -math.inf  # the turn that was taken last
         self._others: Final = mission.swarm.size - 1
         self._ghosts: Final = GhostTracks()
         self._clear_m: Final = sensing.vehicle_radius_m + sensing.margin_m
         self.motion: Final = OwnMotion(ScanClass(sensing.sensor), turns_with_yaw=turns_with_yaw)
 
-    def correct_odometry(self, own: Position, now_s: float) -> Position:
+    def correct_odometry(self, own: Position, now_s: float, *, reckons: bool = False) -> Position:
         """As `OwnMotion.receive_position`."""
-        return self.motion.receive_position(own, now_s)
+        return self.motion.receive_position(own, now_s, reckons=reckons)
 
     def velocity_bias(self, otherwise: Vec3) -> Vec3:
         """By the own motion."""
@@ -186,6 +192,12 @@ class SensingPerception(ObstaclePerception):
     def sees_motion(self) -> bool:
         """By the own motion, in all directions: a wall alone tells of one."""
         return self.motion.velocity_bias_ne_mps is not None and self.motion.odometry.corrected_along is None
+
+    def take_odometry(self) -> bool:
+        """As turns correct the own motion."""
+        corrected_s, before_s = self.motion.odometry.corrected_s, self._odometry_s
+        self._odometry_s = corrected_s
+        return self._sends_odometry and corrected_s > before_s and self.sees_motion
 
     def find_vehicles(self, own_ned_m: Vec3, heard: Sequence[Neighbour], now_s: float) -> Sequence[SeenVehicle]:
         """By the scans; by sectors, to which trunks in thickets seem to move, only while somebody is not heard."""

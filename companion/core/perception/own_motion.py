@@ -22,6 +22,7 @@ from mission.common.frames import Vec3
 CORRECTED_PER_S: Final = 4.0
 # No estimator that flies is so wrong (0.25 m/s rms an axis): what is taken for trunks moves, as a formation does
 BIAS_MAX_MPS: Final = 0.9
+RECKONS_BIAS_MAX_MPS: Final = 1.6  # by inertial sensors alone more comes to it, up to 1.25 m/s
 FADES_S: Final = 4.0  # after the last correction, until the observer has found back to what positions alone say
 
 
@@ -31,9 +32,10 @@ class OwnMotion:
 
     With GNSS the flight goes by reported positions, as its neighbours' are from the same satellites, and only what is
     seen is placed by corrected ones. Without, reported positions are odometry, and the flight goes by corrected ones.
+    From the moment on at which a fix is lost it goes by the last good position, and the way since by trunks.
     """
 
-    __slots__ = ("_is_odometry", "_observer", "odometry", "vehicles", "velocity_bias_ne_mps")
+    __slots__ = ("_is_odometry", "_observer", "_shift_then_m", "odometry", "vehicles", "velocity_bias_ne_mps")
 
     def __init__(self, kind: ScanClass, *, turns_with_yaw: bool) -> None:
         """`turns_with_yaw`: reported positions are odometry, see `ScanOdometry`."""
@@ -43,6 +45,8 @@ class OwnMotion:
         self._observer: Final = VelocityBias()
         # True velocity less reported, level; None: nothing has been seen to tell it by
         self.velocity_bias_ne_mps: tuple[float, float] | None = None
+        # Of the odometry, when the fix was lost that positions went by; None: it is there
+        self._shift_then_m: tuple[float, float] | None = None
 
     @property
     def turn_rad(self) -> float:
@@ -51,7 +55,12 @@ class OwnMotion:
 
     def correct_place(self, pos_ned_m: Vec3) -> Vec3:
         """A position that the flight goes by, as trunks have it."""
-        return pos_ned_m if self._is_odometry else self.odometry.correct_place(pos_ned_m)
+        if self._is_odometry:
+            return pos_ned_m
+        then_m = self._shift_then_m
+        if then_m is None:
+            return self.odometry.correct_place(pos_ned_m)
+        return (pos_ned_m[0] + then_m[0], pos_ned_m[1] + then_m[1], pos_ned_m[2])
 
     def correct_position(self, own: Position) -> Position:
         """The same of a position with its velocity, which stays as it is."""
@@ -81,23 +90,34 @@ class OwnMotion:
         more_mps = (seen[0] - otherwise[0]) * along[0] + (seen[1] - otherwise[1]) * along[1]
         return otherwise[0] + more_mps * along[0], otherwise[1] + more_mps * along[1]
 
-    def receive_position(self, own: Position, now_s: float) -> Position:
-        """Takes in the autopilot's position and velocity as they come; returns what the flight goes by."""
+    def receive_position(self, own: Position, now_s: float, *, reckons: bool = False) -> Position:
+        """Takes in the autopilot's position and velocity as they come; returns what the flight goes by.
+
+        `reckons`: the autopilot goes on without the fix that it had.
+        """
         odometry = self.odometry
+        odometry.reckons = reckons
         odometry.receive_position(own, now_s)
+        if not reckons:
+            self._shift_then_m = None
+        elif self._shift_then_m is None:
+            self._shift_then_m = odometry.shift_m
         if odometry.corrected_s == -math.inf:
             return own
         placed = odometry.correct_place(own.pos_ned_m)
         self._observer.bandwidth_per_s = CORRECTED_PER_S if odometry.is_corrected(now_s) else BANDWIDTH_PER_S
         self._observer.update(placed, own.vel_ned_mps, now_s if own.boot_s is None else own.boot_s)
         bias = self._observer.ned_mps
-        if math.hypot(bias[0], bias[1]) > BIAS_MAX_MPS:
+        if math.hypot(bias[0], bias[1]) > (RECKONS_BIAS_MAX_MPS if reckons else BIAS_MAX_MPS):
             odometry.restart(now_s)
             self._observer.ned_mps = bias = ZERO
         is_fresh = now_s - odometry.corrected_s <= FADES_S
         self.velocity_bias_ne_mps = (bias[0], bias[1]) if is_fresh else None
         if not self._is_odometry:
-            return own
+            then_m = self._shift_then_m
+            if then_m is None or then_m == odometry.shift_m:
+                return own
+            return Position((placed[0] - then_m[0], placed[1] - then_m[1], placed[2]), own.vel_ned_mps, own.boot_s)
         vel = own.vel_ned_mps
         if is_fresh:
             by_sight = self._as_far_as_seen((0.0, 0.0))

@@ -25,6 +25,7 @@ from companion.core.perception.level_scan import LevelScan, ScanClass
 from mission.common.frames import Vec3
 
 SHIFT_M2_PER_S: Final = 0.1 * 0.1  # a position's error changes by 0.18 m in 1 s (95 %, level)
+RECKONS_M2_PER_S: Final = 0.5 * 0.5  # of one without a fix by up to 1.25 m
 SHIFT_M_PER_MPS: Final = 0.05  # and by how much later it is than the scan, where the velocity changes
 TURN_RAD2_PER_S: Final = math.radians(0.8) ** 2  # a yaw wanders by 1 to 3 degrees, within a quarter of a minute
 TURN_SHARE: Final = 0.02  # of a turn, by which the yaw errs in it
@@ -60,6 +61,7 @@ class ScanOdometry:
         "_yaw_rad",
         "corrected_along",
         "corrected_s",
+        "reckons",
         "shift_m",
         "turn_rad",
     )
@@ -72,6 +74,8 @@ class ScanOdometry:
         self._walls: Final = WallTracks()
         self.shift_m: tuple[float, float] = (0.0, 0.0)  # true less reported, but for where the odometry began
         self.turn_rad = 0.0  # to be added to the reported yaw
+        # Its autopilot has no fix: what is reported drifts, and a drift aside looks as if the frame were turned
+        self.reckons = False
         self.corrected_s = -math.inf  # when trunks or walls corrected it last
         # The one level direction (unit vector) in which walls alone did so then; None: in all
         self.corrected_along: tuple[float, float] | None = None
@@ -118,7 +122,7 @@ class ScanOdometry:
             self.shift_m = (self.shift_m[0] + cos * dn - sin * de, self.shift_m[1] + sin * dn + cos * de)
         self._propagate(dn, de)
         late_m = SHIFT_M_PER_MPS * changed_mps
-        grows_m2 = SHIFT_M2_PER_S * since_s + late_m * late_m
+        grows_m2 = (RECKONS_M2_PER_S if self.reckons else SHIFT_M2_PER_S) * since_s + late_m * late_m
         self._cov[0] += grows_m2
         self._cov[5] += grows_m2
         self._cov[10] += TURN_RAD2_PER_S * since_s
@@ -233,6 +237,8 @@ class ScanOdometry:
             return 0.0, 0.0, 0.0, 0.0
         gains_n = [(a[k] * s_ee - b[k] * s_ne) / det for k in range(4)]
         gains_e = [(b[k] * s_nn - a[k] * s_ne) / det for k in range(4)]
+        if self.reckons:
+            gains_n[3] = gains_e[3] = 0.0
         for i in range(4):
             for j in range(i, 4):
                 p[4 * i + j] -= gains_n[i] * a[j] + gains_e[i] * b[j]

@@ -160,6 +160,14 @@ HEIGHT_AIDS = (
         {"EK3_SRC1_POSZ": 2, "RNGFND1_ORIENT": 25},
     ),
 )
+# Its ODOMETRY's velocity beside that of satellites: a second source, and all velocities fused
+ODOMETRY_AIDS = (
+    Aid(
+        "EK3_SRC2_VELXY 6 (external), EK3_SRC_OPTIONS with 1 (fuse all velocities) and VISO_TYPE not 0",
+        {"VISO_TYPE": ANY, "EK3_SRC_OPTIONS": 1},
+        {"EK3_SRC2_VELXY": 6},
+    ),
+)
 
 ARDUPILOT = Make(
     key="ardupilot",
@@ -183,4 +191,5 @@ ARDUPILOT = Make(
     odometry_rules=odometry_rules,
     aids=AIDS,
     height_aids=HEIGHT_AIDS,
+    odometry_aids=ODOMETRY_AIDS,
 )

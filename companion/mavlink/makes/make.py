@@ -113,6 +113,7 @@ class Make:
     odometry_rules: Callable[[Mission], tuple[Rule, ...]]  # of a vehicle without GNSS
     aids: tuple[Aid, ...] = ()  # of which it needs one
     height_aids: tuple[Aid, ...] = ()  # of which one that changes between layers of height needs one
+    odometry_aids: tuple[Aid, ...] = ()  # of which one whose companion sends ODOMETRY needs one, to use it
 
     def rules(self, mission: Mission, vehicle_id: int | None = None) -> tuple[Rule, ...]:
         """Every parameter that must be right for this vehicle of `mission`; None: for one with GNSS."""
@@ -128,3 +129,9 @@ class Make:
     def height_aids_of(self, mission: Mission) -> tuple[Aid, ...]:
         """Aids of which a vehicle of `mission` needs one; none: the mission flies at one height."""
         return self.height_aids if len(list_layers(mission)) > 1 else ()
+
+    def odometry_aids_of(self, mission: Mission, vehicle_id: int) -> tuple[Aid, ...]:
+        """Aids of which this vehicle needs one to use the ODOMETRY of its companion; none: it is sent none."""
+        sensing = mission.sensing
+        sends = sensing is not None and sensing.sends_odometry and mission.has_satellites(vehicle_id)
+        return self.odometry_aids if sends else ()

@@ -154,6 +154,7 @@ AIDS = (
 HEIGHT_AIDS = (
     Aid("EKF2_HGT_REF 2 (range finder) and EKF2_RNG_CTRL 1 or 2", {"EKF2_RNG_CTRL": 3}, {"EKF2_HGT_REF": 2}),
 )
+ODOMETRY_AIDS = (Aid("EKF2_EV_CTRL with 4 (velocity)", {"EKF2_EV_CTRL": VELOCITY}, {}),)
 
 PX4 = Make(
     key="px4",
@@ -176,4 +177,5 @@ PX4 = Make(
     odometry_rules=odometry_rules,
     aids=AIDS,
     height_aids=HEIGHT_AIDS,
+    odometry_aids=ODOMETRY_AIDS,
 )

@@ -31,11 +31,12 @@ RAW_SHARE: Final = 0.5  # of missions with an obstacle sensor, whose lidar tells
 # Share of missions with a downward range finder: most that fly under crowns, on level ground: it holds a height over
 # the ground, and fences count from the origin
 RANGE_FINDER_SHARES: Final = {True: 0.85, False: 0.2}  # by whether they fly among trees
+ODOMETRY_SHARE: Final = 0.7  # of missions with an obstacle sensor: the autopilot is told of the own motion
 LAYERED_SHARE: Final = 0.8  # of missions with a range finder and an obstacle sensor: `mission check` asks for layers
 
 # Of what a seed draws: 2 has the faults of satellites, motors and sensors, 3 pilots, 4 raw scans and range finders,
-# 5 layers of height
-VERSION: Final = 5
+# 5 layers of height, 6 odometry for the autopilot, and no crowns where a height by a barometer may be
+VERSION: Final = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +124,8 @@ def _tables(rng: Generator, seed: int) -> Tables:
     tables["sim"]["faults"] = _faults(rng, n, sensing="sensing" in tables, ranging=only_leader)
     if tables["sim"]["range_finder"] and "sensing" in tables and rng.random() < LAYERED_SHARE:
         tables["separation"] = {"height_layers": True}
+    if "sensing" in tables and not only_leader:
+        tables["sensing"]["sends_odometry"] = bool(rng.random() < ODOMETRY_SHARE)
     return tables
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pytest
 
-from companion.core.model.actions import Ask, Say, SendBeacon, VelocitySetpoint
+from companion.core.model.actions import Ask, Say, SendBeacon, SendOdometry, VelocitySetpoint
 from companion.core.model.states import Request, Severity
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
@@ -40,6 +41,16 @@ def test_setpoint_goes_out_after_the_requests_stamped_with_the_ticks_time() -> N
     *_, ask, setpoint = read(out.autopilot)
     assert (ask.get_type(), ask.command) == ("COMMAND_LONG", 176)
     assert (setpoint.get_type(), setpoint.time_boot_ms, setpoint.vx) == ("SET_POSITION_TARGET_LOCAL_NED", 10_000, 1.0)
+
+
+def test_odometry_tells_a_velocity_by_the_clock_of_our_timesync_and_nothing_else() -> None:
+    """As PX4 takes it: velocity of the child frame, NaN for what is not measured."""
+    (odometry,) = [m for m in read(told(SendOdometry((1.0, -0.5, 0.25))).autopilot) if m.get_type() == "ODOMETRY"]
+    assert (odometry.time_usec, odometry.child_frame_id) == (10_000_000, dialect.MAV_FRAME_LOCAL_NED)
+    assert (odometry.vx, odometry.vy, odometry.vz) == (1.0, -0.5, 0.25)
+    assert all(math.isnan(value) for value in (odometry.x, odometry.y, odometry.z, odometry.q[0], odometry.yawspeed))
+    assert math.isnan(odometry.pose_covariance[0])
+    assert [odometry.velocity_covariance[k] for k in (0, 6, 11)] == pytest.approx([0.01] * 3)
 
 
 def test_takeoff_is_asked_for_above_mean_sea_level() -> None:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import os
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,7 +12,6 @@ from companion.mavlink.makes import MAKES
 from companion.mavlink.makes.ardupilot import ARDUPILOT
 from companion.mavlink.makes.make import Make
 from companion.mavlink.makes.px4 import PX4
-from companion.preflight import surveyor
 from companion.preflight.checks import ABOUT, judge
 from companion.preflight.command import verdict_line
 from companion.preflight.computer import KEY_BYTES, check_disk, check_key, check_monotonic
@@ -25,7 +22,6 @@ from companion.preflight.table import table
 from companion.sensors.table import SENSORS
 from mission.document.model import Mission
 from tests.unit.core.core_kit import mission
-from tests.unit.core.ranging_kit import ranging_mission
 
 ME = 3
 SQUARE = ((-50.0, -50.0), (200.0, -50.0), (200.0, 50.0), (-50.0, 50.0))
@@ -321,78 +317,5 @@ def test_table_has_a_row_for_each_check_the_fix_of_each_fault_and_one_verdict() 
 
 
 def test_every_check_is_in_the_reference() -> None:
-    names = set(judged(survey())) | {"mission", "aiding", "height", *SENSORS, "key", "disk", "monotonic"}
+    names = set(judged(survey())) | {"mission", "aiding", "height", "odometry", *SENSORS, "key", "disk", "monotonic"}
     assert names - {rule.name for rule in PX4.rules(MISSION)} == set(ABOUT)
-
-
-# --- without GNSS ---
-
-
-@pytest.mark.parametrize(
-    ("make", "values", "good"),
-    [
-        (PX4, {"EKF2_OF_CTRL": 1, "EKF2_EV_CTRL": 0}, True),
-        (PX4, {"EKF2_OF_CTRL": 0, "EKF2_EV_CTRL": 15}, True),
-        (PX4, {"EKF2_OF_CTRL": 0, "EKF2_EV_CTRL": 4}, True),
-        (PX4, {"EKF2_OF_CTRL": 0, "EKF2_EV_CTRL": 10}, False),  # height and yaw
-        (PX4, {"EKF2_OF_CTRL": 0, "EKF2_EV_CTRL": 0}, False),
-        (PX4, {"EKF2_OF_CTRL": math.nan, "EKF2_EV_CTRL": math.inf}, False),
-        (PX4, {"EKF2_OF_CTRL": None, "EKF2_EV_CTRL": None}, False),
-        (ARDUPILOT, {"EK3_SRC1_VELXY": 5, "FLOW_TYPE": 6, "VISO_TYPE": 0}, True),
-        (ARDUPILOT, {"EK3_SRC1_VELXY": 6, "FLOW_TYPE": 0, "VISO_TYPE": 1}, True),
-        (ARDUPILOT, {"EK3_SRC1_VELXY": 5, "FLOW_TYPE": 0, "VISO_TYPE": 1}, False),
-        (ARDUPILOT, {"EK3_SRC1_VELXY": 6, "FLOW_TYPE": 6, "VISO_TYPE": 0}, False),
-        (ARDUPILOT, {"EK3_SRC1_VELXY": 5, "FLOW_TYPE": None, "VISO_TYPE": None}, False),
-    ],
-)
-def test_a_vehicle_without_satellites_needs_something_that_tells_it_how_it_moves(
-    make: Make, values: dict[str, float | None], good: bool
-) -> None:
-    flown = ranging_mission()
-    there = {r.name: Parameter(name=r.name, value=r.wanted) for r in make.rules(flown, ME)}
-    there |= {name: Parameter(name=name, value=value) for name, value in values.items()}
-    seen = survey(make, flown, parameters=there)
-    assert judged(seen, flown)["aiding"].verdict is (Verdict.PASS if good else Verdict.FAIL)
-    assert make.aids_of(flown, 1) == ()
-    assert "aiding" not in judged(survey(make))
-
-
-@pytest.mark.parametrize(
-    ("make", "values", "good"),
-    [
-        (PX4, {"EKF2_HGT_REF": 2, "EKF2_RNG_CTRL": 1}, True),
-        (PX4, {"EKF2_HGT_REF": 2, "EKF2_RNG_CTRL": 0}, False),
-        (PX4, {"EKF2_HGT_REF": 0, "EKF2_RNG_CTRL": 1}, False),  # the barometer's
-        (PX4, {"EKF2_HGT_REF": None, "EKF2_RNG_CTRL": None}, False),
-        (ARDUPILOT, {"EK3_SRC1_POSZ": 2, "RNGFND1_ORIENT": 25, "RNGFND1_TYPE": 20}, True),
-        (ARDUPILOT, {"EK3_SRC1_POSZ": 2, "RNGFND1_ORIENT": 0, "RNGFND1_TYPE": 20}, False),  # it looks ahead
-        (ARDUPILOT, {"EK3_SRC1_POSZ": 1, "RNGFND1_ORIENT": 25, "RNGFND1_TYPE": 20}, False),
-        (ARDUPILOT, {"EK3_SRC1_POSZ": 2, "RNGFND1_ORIENT": 25, "RNGFND1_TYPE": 0}, False),
-    ],
-)
-def test_layers_of_height_need_a_downward_range_finder(make: Make, values: dict[str, float | None], good: bool) -> None:
-    layered = mission(fence={"polygon_enu_m": SQUARE}, separation={"height_layers": True})
-    there = {r.name: Parameter(name=r.name, value=r.wanted) for r in make.rules(layered)}
-    there |= {name: Parameter(name=name, value=value) for name, value in values.items()}
-    checked = judged(survey(make, layered, parameters=there), layered)["height"]
-    assert checked.verdict is (Verdict.PASS if good else Verdict.FAIL)
-    assert "height_layers" in (checked.fix or "height_layers")
-    assert "height" not in judged(survey(make))
-
-
-def test_what_aids_a_vehicle_without_satellites_is_read_and_never_set(monkeypatch: pytest.MonkeyPatch) -> None:
-    held: dict[str, float] = {"EKF2_OF_CTRL": 0, "EKF2_EV_CTRL": 4, "EKF2_GPS_CTRL": 7}
-    param = SimpleNamespace(
-        get_param_int=lambda name: held.get(name, 0),
-        get_param_float=lambda name: held.get(name, 0.0),
-        set_param_int=held.__setitem__,
-        set_param_float=held.__setitem__,
-    )
-    monkeypatch.setattr(surveyor, "Param", lambda _system: param)
-    monkeypatch.setattr(surveyor, "_download", lambda _system: ((), ""))
-    flown, seen = ranging_mission(), survey()
-    aids = [name for aid in PX4.aids_of(flown, ME) for name in aid.names]
-    told = surveyor._settings(Any, PX4.rules(flown, ME), flown, seen, aids=aids, apply=True)
-    assert (told["parameters"]["EKF2_OF_CTRL"].value, told["parameters"]["EKF2_EV_CTRL"].value) == (0, 4)
-    assert (held["EKF2_GPS_CTRL"], held["EKF2_OF_CTRL"]) == (0, 0)
-    assert PX4.aids_of(flown, 1) == ()

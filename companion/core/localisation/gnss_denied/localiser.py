@@ -84,6 +84,9 @@ class GnssDeniedLocaliser(Localiser):
         """For the global localisation."""
         self.global_localisation.receive_satellites(event, now_s)
 
+    def note_odometry(self, off_ned_mps: Vec3, now_s: float) -> None:
+        """Of no account: none is sent."""
+
     def gnss_lost_s(self, now_s: float) -> float:  # noqa: ARG002
         """Never: it goes on by odometry, whose uncertainty is kept elsewhere."""
         return 0.0

@@ -5,6 +5,9 @@ Of vehicles that have nothing but satellites to fly by; where odometry is there,
 - **No fix**: the estimator goes on by its inertial sensors, whose velocity departs from the true one by ACCEL_SD_MPS2
   an axis (a tilt wrong by half a degree), for RECKONS_S: PX4's EKF2_NOAID_TOUT. Then it has no position, and nobody
   controls how the vehicle drifts. Nothing was recorded.
+- **No fix, but a velocity from outside** (ODOMETRY of a companion): the estimator is pulled towards it, by FOLLOWS of
+  what is between them with each message, and RECKONS_S count from the last one. Its position drifts as its velocity is
+  wrong, which is more than what it is told, as the tilt stays wrong: EKF2 would learn some of that. Not recorded.
 - **Led astray** (spoofed, or drifting): the estimator follows in position and velocity, as it does where the drift is
   slow against its gates; so what holds a position drifts the other way.
 
@@ -24,14 +27,17 @@ from sim_bridge.world.airframe.state import AirframeState
 
 ACCEL_SD_MPS2: Final = 0.1
 RECKONS_S: Final = 5.0
+FOLLOWS: Final = 0.07  # EKF2_ACC_NOISE 0.35 m/s2 against EKF2_EVV_NOISE 0.1 m/s, ten times a second
 SALT: Final = 0x6A55  # apart from the seeds of placement, wind, radio and the others
 
 
 class FaultyGnss:
     """An Airframe whose state is another's, as wrong as its receiver has it."""
 
-    def __init__(self, airframe: Airframe, *, seed: int, vehicle_id: int) -> None:
+    def __init__(self, airframe: Airframe, *, seed: int, vehicle_id: int, body: Airframe | None = None) -> None:
+        """`body`: what truly flies, if `airframe` is not that but an estimate of it."""
         self._airframe = airframe
+        self._body = airframe if body is None else body
         self._rng = np.random.default_rng([seed, SALT, vehicle_id])
         self._drift_ne_mps = (0.0, 0.0)
         self._accel_ne_mps2 = (0.0, 0.0)
@@ -60,6 +66,15 @@ class FaultyGnss:
         self._accel_ne_mps2 = (0.0, 0.0) if has_fix else (self._accel(), self._accel())
         if has_fix:
             self._vel_error, self._off = (0.0, 0.0), (0.0, 0.0)
+
+    def receive_velocity(self, vel_ne_mps: tuple[float, float]) -> None:
+        """A velocity measured from outside, which counts while there is no fix."""
+        if self.has_fix:
+            return
+        (north, east), told = self._vel_error, self._state.vel_ned_mps
+        north, east = north + FOLLOWS * (vel_ne_mps[0] - told[0]), east + FOLLOWS * (vel_ne_mps[1] - told[1])
+        self._vel_error = (north, east)
+        self._without_fix_s = 0.0
 
     def set_drift(self, drift_ne_mps: tuple[float, float] | None) -> None:
         """Leads the receiver astray so fast, north and east; None: no more."""
@@ -94,11 +109,16 @@ class FaultyGnss:
         elif self.has_position:
             north, east = self._vel_error
             self._vel_error = (north + self._accel_ne_mps2[0] * dt_s, east + self._accel_ne_mps2[1] * dt_s)
-        moves = self._drift_ne_mps if self.has_fix else self._vel_error
-        self._off = (self._off[0] + moves[0] * dt_s, self._off[1] + moves[1] * dt_s)
+        north, east = self._drift_ne_mps if self.has_fix else self._misses()
+        self._off = (self._off[0] + north * dt_s, self._off[1] + east * dt_s)
         if not self.has_fix:
             self._without_fix_s += dt_s
         self._state = self._reported_state()
+
+    def _misses(self) -> tuple[float, float]:
+        """Without a fix the position is where the reported velocity, all of its errors in it, has led."""
+        told, true = self._airframe.state.vel_ned_mps, self._body.state.vel_ned_mps
+        return told[0] + self._vel_error[0] - true[0], told[1] + self._vel_error[1] - true[1]
 
     def _accel(self) -> float:
         return ACCEL_SD_MPS2 * float(self._rng.standard_normal())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Final
@@ -12,6 +13,7 @@ from mission.common.frames import LocalFrame
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.autopilot import commands, setpoint, status, telemetry
 from sim_bridge.world.autopilot.battery import BatterySpec
+from sim_bridge.world.autopilot.estimates.gnss_faults import FaultyGnss
 from sim_bridge.world.autopilot.protocols.links import Link, checked_sysid
 from sim_bridge.world.autopilot.protocols.parameters import ParameterTable
 from sim_bridge.world.autopilot.protocols.streams import microseconds
@@ -95,6 +97,7 @@ class Px4Autopilot(MavlinkAutopilot):
         self._origin_told: set[Link] = set()
         self._handlers[mav.MAVLINK_MSG_ID_SET_MODE] = self._on_set_mode
         self._handlers[mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED] = self._on_setpoint
+        self._handlers[mav.MAVLINK_MSG_ID_ODOMETRY] = self._on_odometry
 
     def transmit(self, link: Link, now_s: float) -> list[bytes]:
         """All that is due; GPS_GLOBAL_ORIGIN once, as soon as there is one."""
@@ -130,6 +133,15 @@ class Px4Autopilot(MavlinkAutopilot):
         self._setpoints += 1
         self._asked = wanted
         self._flight.offer_setpoint(wanted, now_s)
+
+    def _on_odometry(self, channel: Channel, incoming: Incoming, now_s: float) -> None:
+        """Velocity alone, and only where a GNSS that fails makes it count."""
+        del channel, now_s
+        told = incoming.message
+        if not isinstance(self._airframe, FaultyGnss) or not int(self.parameters["EKF2_EV_CTRL"]) & tables.EV_VELOCITY:
+            return
+        if told.child_frame_id == mav.MAV_FRAME_LOCAL_NED and math.isfinite(told.vx + told.vy + told.vz):
+            self._airframe.receive_velocity((told.vx, told.vy))
 
     # PX4's own telemetry
 

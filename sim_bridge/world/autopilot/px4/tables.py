@@ -25,6 +25,7 @@ class Px4Mode(IntEnum):
 
 
 MAIN_AUTO = 4
+EV_VELOCITY = 4  # bit of EKF2_EV_CTRL
 STICK_MODES = frozenset({Px4Mode.MANUAL, Px4Mode.ALTCTL, Px4Mode.POSCTL, Px4Mode.ACRO, Px4Mode.STABILIZED})
 NO_ARMING_MODES = STICK_MODES | {Px4Mode.LAND, Px4Mode.RTL}  # sticks: there is no RC here
 
@@ -108,6 +109,7 @@ PARAMETERS: dict[str, int | float] = {
     "COM_RC_LOSS_T": 0.5,
     "COM_RC_OVERRIDE": 1,
     "COM_SPOOLUP_TIME": 1.0,
+    "EKF2_EV_CTRL": 15,
     "EKF2_GPS_CTRL": 7,
     "GF_ACTION": 2,
     "GF_MAX_HOR_DIST": 0.0,

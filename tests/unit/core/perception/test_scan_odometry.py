@@ -221,3 +221,70 @@ def test_where_motion_is_measured_in_the_vehicles_axes_a_wrong_yaw_turns_it_back
     assert math.dist(reported, true_m) > 1.5
     assert math.dist(motion.correct_place((*reported, 0.0))[:2], true_m) < 0.3
     assert motion.turn_rad == pytest.approx(-math.radians(5.0), abs=math.radians(0.8))
+
+
+class Reckoning(Flight):
+    """From now on it has lost its fix: its velocity, and its position with it, drift away."""
+
+    reckons = False
+    placed = Position((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+    def run(self, lasts_s: float, *, sees: bool = True) -> Iterator[None]:
+        for _ in range(round(lasts_s / STEP_S)):
+            for _ in range(2):
+                self.now_s += STEP_S / 2.0
+                self.true_m = (self.true_m[0] + self.speed_mps * STEP_S / 2.0, self.true_m[1])
+                if self.reckons:
+                    self.off_mps = (self.off_mps[0] + 0.1 * STEP_S / 2.0, self.off_mps[1] - 0.15 * STEP_S / 2.0)
+                    self.off_m = (
+                        self.off_m[0] + self.off_mps[0] * STEP_S / 2.0,
+                        self.off_m[1] + self.off_mps[1] * STEP_S / 2.0,
+                    )
+                self.placed = self.motion.receive_position(self.reported, self.now_s, reckons=self.reckons)
+            if sees:
+                self.scan()
+            yield
+
+    def scan(self) -> None:
+        placed = self.motion.correct_position(self.placed)
+        scan = level_scan(self.stems, self.true_m, turned_rad=self.motion.turn_rad)
+        for k in range(len(scan.eyes_north_m)):
+            scan.eyes_north_m[k], scan.eyes_east_m[k] = placed.pos_ned_m[0], placed.pos_ned_m[1]
+        self.motion.integrate_turn(scan, 0.0, placed, (), self.now_s)
+
+
+def test_without_its_fix_a_vehicle_goes_by_trunks_from_the_last_good_position_on() -> None:
+    flight = Reckoning(stand())
+    flight.off_m = (3.0, -2.0)  # of the satellites: all neighbours' are off alike
+    fly(flight, 4.0)
+    assert flight.placed.pos_ned_m == flight.reported.pos_ned_m
+    flight.reckons = True
+    fly(flight, 6.0)
+    assert math.dist(flight.off_m, (3.0, -2.0)) > 2.5
+    meant_m = (flight.true_m[0] + 3.0, flight.true_m[1] - 2.0)
+    placed = flight.placed.pos_ned_m
+    assert math.dist(placed[:2], meant_m) < 0.35
+    assert math.dist(flight.motion.correct_place(placed)[:2], meant_m) < 0.35  # scans are placed alike
+    bias = flight.motion.velocity_bias((0.0, 0.0, 0.0))
+    assert bias[:2] == pytest.approx((-flight.off_mps[0], -flight.off_mps[1]), abs=0.15)
+
+
+def test_with_the_fix_back_it_goes_by_what_is_reported() -> None:
+    flight = Reckoning(stand())
+    fly(flight, 4.0)
+    flight.reckons = True
+    fly(flight, 5.0)
+    flight.off_m, flight.off_mps = (0.0, 0.0), (0.0, 0.0)  # the estimator jumps to its fix
+    placed = flight.placed.pos_ned_m
+    flight.motion.receive_position(flight.reported, flight.now_s + 0.05, reckons=True)
+    still = flight.motion.receive_position(flight.reported, flight.now_s + 0.1, reckons=True)
+    assert math.dist(still.pos_ned_m[:2], placed[:2]) < 0.4  # it has not jumped with it
+    back = flight.motion.receive_position(flight.reported, flight.now_s + 0.15, reckons=False)
+    assert back.pos_ned_m == flight.reported.pos_ned_m
+
+
+def test_where_there_is_nothing_to_see_a_lost_fix_changes_nothing() -> None:
+    flight = Reckoning([])
+    flight.reckons = True
+    fly(flight, 3.0)
+    assert flight.placed.pos_ned_m == flight.reported.pos_ned_m

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import pytest
@@ -15,8 +17,9 @@ from sim_bridge.world.autopilot.estimates.errors import PX4_SEEN
 from tests.unit.core.core_kit import mission
 
 
-def level(up_m: float, top_m: float, **sim: Any) -> Mission:
+def level(up_m: float, top_m: float, *, tables: Mapping[str, Any] = MappingProxyType({}), **sim: Any) -> Mission:
     return mission(
+        **tables,
         route={"d1_enu_m": (0.0, 0.0, up_m), "d2_enu_m": (130.0, 0.0, up_m)},
         fence={"altitude_min_m": 1.0, "altitude_max_m": top_m},
         sim={"estimates": "recorded", **sim},
@@ -44,6 +47,15 @@ def test_a_low_or_narrow_mission_lacks_room_for_a_barometers_height(up_m: float,
 def test_ground_that_rises_takes_room() -> None:
     rising = level(4.0, 12.0).model_copy(update={"forest": mission(forest={"grade": (0.01, 0.0)}).forest})
     assert find_lacking_room(rising).startswith("2.7 m above the ground")
+
+
+@pytest.mark.parametrize(("crown_base_share", "lacks"), [(0.6, "2.1 m below the lowest crowns"), (0.85, "")])
+def test_crowns_within_the_fence_take_room(crown_base_share: float, lacks: str) -> None:
+    """Seed 34020: two flew 5.8 and 6.7 m up where 4.4 m were flown, into crowns."""
+    stand = {"density_per_ha": 300.0, "dbh_min_m": 0.12, "species": ["spruce"], "crown_base_share": crown_base_share}
+    among = level(4.0, 7.3, tables={"sensing": {}, "forest": {"stand": stand}, "coverage": {"keep_out_m": 2.0}})
+    assert find_lacking_room(among).startswith(lacks)
+    assert bool(find_lacking_room(among)) is bool(lacks)
 
 
 def test_check_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

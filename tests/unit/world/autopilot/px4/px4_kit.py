@@ -15,6 +15,7 @@ from sim_bridge.world.autopilot import (
     Px4Autopilot,
     StreamProfile,
 )
+from sim_bridge.world.autopilot.estimates.gnss_faults import FaultyGnss
 from tests.unit.world.autopilot.autopilot_kit import NAN, ORIGIN, STEP_S, Wire
 
 MINIMAL = {Link.ONBOARD: StreamProfile.MINIMAL, Link.GROUND: StreamProfile.MINIMAL}
@@ -62,9 +63,10 @@ class Flight(Wire):
         parameters: Mapping[str, float] | None = None,
         links: Mapping[Link, StreamProfile] = MINIMAL,
         battery: BatterySpec | None = None,
+        gnss_fails: bool = False,
     ) -> None:
         super().__init__(onboard_system=1)
-        self.body: Body = Body()
+        self.body: Body | FaultyGnss = FaultyGnss(Body(), seed=1, vehicle_id=1) if gnss_fails else Body()
         self.frame = LocalFrame(ORIGIN)
         self.autopilot = Px4Autopilot(1, self.body, self.frame, parameters=parameters, links=links, battery=battery)
         self.heard: dict[Link, list[Any]] = {Link.ONBOARD: [], Link.GROUND: []}
