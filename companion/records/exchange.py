@@ -16,7 +16,7 @@ from companion.mavlink.framing.frames import source
 from companion.mavlink.framing.signing import Gate
 from companion.mavlink.framing.wire import CRC_BYTES, HEADER_BYTES
 from companion.mavlink.schema.measurements import ENTRIES_MAX
-from companion.records.airtime import Airtime
+from companion.records.airtime import OVERHEAD_BYTES, Airtime
 from companion.records.frames import (
     RECORD_ID,
     VECTOR_ID,
@@ -185,12 +185,14 @@ class RecordExchange:
         if self._settled_s is None:
             self._settled_s = now_s + SETTLE_S if self._opened_last else now_s
             self._vector_s = now_s + VECTOR_S * (self._me % 10) / 10.0  # not all at once
-        self._airtime.refill(now_s, beacon_bytes, self._peers.heard(now_s))
         self._write(now_s)
         out: list[tuple[int, bytes]] = []
         if self._vector_s is None or now_s >= self._vector_s:
             self._vector_s = now_s + (BASE_VECTOR_S if self._is_base else VECTOR_S)
             out += [(VECTOR_ID, payload) for payload in self._vectors(now_s)]
+        ahead_bytes = beacon_bytes + OVERHEAD_BYTES * (beacon_bytes > 0)
+        ahead_bytes += sum(_frame_bytes(payload) + OVERHEAD_BYTES for _, payload in out)
+        self._airtime.refill(now_s, ahead_bytes, self._peers.heard(now_s))
         if not self._is_base:
             out += [(RECORD_ID, payload) for payload in self._records(now_s)]
         return out
@@ -289,8 +291,6 @@ class RecordExchange:
             )
             for at in range(0, len(entries), ENTRIES_MAX)
         ]
-        for payload in payloads:
-            self._airtime.charge(len(payload) + HEADER_BYTES + CRC_BYTES)
         return payloads or [encode_vector(Vector(self._epoch, hops, self._is_base, False, ()))]
 
     def _entry(self, key: LogKey, holding: Holding) -> Entry:
@@ -307,7 +307,7 @@ class RecordExchange:
         out: list[bytes] = []
         waiting: list[Candidate] = []
         for at, candidate in enumerate(self._plan):
-            if candidate.due_s > now_s:
+            if not self._peers.is_turn(candidate, now_s):
                 waiting.append(candidate)
                 continue
             if self._peers.is_aired_since(candidate.key, candidate.number, self._plan_s):

@@ -12,11 +12,12 @@ from companion.records.record import BITMAP, Entry, LogKey, Vector
 
 HEARD_S: Final = 5.0  # five vectors: a node that was not heard for so long is out of range
 HOPS_MAX: Final = 16  # farther off, a base station that has gone would be passed on in a circle
-LAG_S: Final = 0.3  # a vector that comes so soon after a record was on the air does not know of it yet
+LAG_S: Final = 0.7  # a vector that comes so soon after a record was on the air knows not of it: radio, then the disk
+WAIT_S: Final = 0.3  # before a record of another's is passed on: its writer may be in range, too
 AIRED_MAX: Final = 4096  # records that were on the air lately; of the oldest it is forgotten
 PLAN_MAX: Final = 64  # records, of which the next are sent; made anew before they are at an end
 SLOTS_MAX: Final = 16
-SLOT_S: Final = 0.05  # a tick: those that could pass on the same record do so one after the other
+SLOT_S: Final = 0.05  # a tick: of those that could pass on the same record, one sends it, and the others hear that
 
 Numbered = tuple[LogKey, int]
 
@@ -28,7 +29,7 @@ class Candidate(NamedTuple):
     of_others: bool
     number: int
     key: LogKey
-    due_s: float  # not before: another that has it may send it first
+    due_s: float  # not before: its writer may send it first
 
 
 @dataclass(slots=True)
@@ -83,7 +84,7 @@ class Peers:
         """The records to send next: what the base station lacks first, own ones before others', none twice.
 
         No node asks. A record goes out again only for a node whose vector, told after that, still lacks it. Of others'
-        records those who have them wait in turn, and who hears one is silent about it: no two send the same.
+        records those who have them send in turn, and who hears one is silent about it: no two send the same.
         (Slotting and damping, as in Floyd et al., "A reliable multicast framework", SIGCOMM 1995.)
         """
         self._forget(now_s)
@@ -98,12 +99,19 @@ class Peers:
                 if holding is None or now_s - told_s > HEARD_S:
                     continue
                 for number in self._lacking(holding, entry, told_s):
-                    wait_s = 0.0 if key == own else LAG_S + SLOT_S * ((self._me + number) % self._slots)
-                    candidate = Candidate(reach, key != own, number, key, told_s + wait_s)
+                    due_s = told_s if key == own else told_s + WAIT_S
+                    candidate = Candidate(reach, key != own, number, key, due_s)
                     before = found.get((key, number))
                     if before is None or candidate < before:
                         found[key, number] = candidate
         return sorted(found.values())[:PLAN_MAX]
+
+    def is_turn(self, candidate: Candidate, now_s: float) -> bool:
+        """True if a planned record may go out in this tick. Of others' records each holder has ticks of its own."""
+        if now_s < candidate.due_s:
+            return False
+        turn = (round(now_s / SLOT_S) - candidate.number) % self._slots
+        return not candidate.of_others or turn == self._me % self._slots
 
     def _lacking(self, holding: Holding, entry: Entry, told_s: float) -> Iterator[int]:
         for number in holding.held(entry.window + 1, BITMAP):

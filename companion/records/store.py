@@ -22,6 +22,19 @@ ROOM: Final = 256  # records more than are needed that go with them, so that not
 FORMAT: Final = 1  # of the file
 MEMORY: Final = ":memory:"  # for a path: a store that is gone with the process
 SAID_CHARS: Final = 60  # of SQLite's reason
+ENVIRONMENT: Final = frozenset(  # of its errors, those that say nothing of the file
+    {
+        sqlite3.SQLITE_AUTH,
+        sqlite3.SQLITE_BUSY,
+        sqlite3.SQLITE_CANTOPEN,
+        sqlite3.SQLITE_FULL,
+        sqlite3.SQLITE_IOERR,
+        sqlite3.SQLITE_LOCKED,
+        sqlite3.SQLITE_NOMEM,
+        sqlite3.SQLITE_PERM,
+        sqlite3.SQLITE_READONLY,
+    }
+)
 _TABLES: Final = """
 CREATE TABLE IF NOT EXISTS meta (name TEXT PRIMARY KEY, value) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS record (
@@ -48,6 +61,11 @@ _OTHERS: Final = (
 
 class StoreError(Exception):
     """A file that cannot be opened, read or written; the message says why, in a few words."""
+
+    def __init__(self, why: str, *, is_damaged: bool = False) -> None:
+        """`is_damaged`: another file in its place would do."""
+        super().__init__(why)
+        self.is_damaged = is_damaged
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,8 +108,10 @@ class RecordStore:
                 if path != MEMORY:
                     self._reading = opened.enter_context(contextlib.closing(_connect(path)))
                 self._prepare()
+            except (ValueError, TypeError) as error:  # numbers that are none
+                raise StoreError("damaged", is_damaged=True) from error
             except (sqlite3.Error, OSError) as error:
-                raise StoreError(_reason(error)) from error
+                raise StoreError(_reason(error), is_damaged=_is_damage(error)) from error
             opened.pop_all()
 
     def _prepare(self) -> None:
@@ -106,7 +126,8 @@ class RecordStore:
                 raise StoreError(f"holds the records of vehicle {me}, not {self._me}")
             self.own_log = LogKey(self._me, self._meta("own_log", self._draw()))
         if self._writing.execute("PRAGMA quick_check(1)").fetchone() != ("ok",):
-            raise sqlite3.DatabaseError("damaged")
+            raise ValueError("damaged")
+        self.holdings(), self.acked()  # can be read
         self._last = self._opened_last = self._last_of(self.own_log)
         self._count: int = self._writing.execute("SELECT count(*) FROM record").fetchone()[0]
 
@@ -145,9 +166,9 @@ class RecordStore:
                 "SELECT kind, made_s, body FROM record WHERE vehicle_id = ? AND log_id = ? AND number = ?",
                 (*key, number),
             ).fetchone()
-        except sqlite3.Error:
+            return None if row is None else Record(*key, number, RecordKind(row[0]), float(row[1]), bytes(row[2]))
+        except (sqlite3.Error, ValueError, TypeError):
             return None
-        return None if row is None else Record(*key, number, RecordKind(row[0]), row[1], row[2])
 
     def records(self, kind: RecordKind) -> Iterator[tuple[int, int, float, bytes]]:
         """All of one kind, log by log, in the order of their numbers: vehicle, number, when it was made, body."""
@@ -162,7 +183,7 @@ class RecordStore:
         try:
             with self._transaction():
                 return self._write(batch)
-        except (sqlite3.Error, OSError) as error:
+        except (sqlite3.Error, OSError, ValueError, TypeError) as error:
             self.own_log, self._last, self._opened_last, self._count = before
             raise StoreError(_reason(error)) from error
 
@@ -264,9 +285,7 @@ def open_store(
     try:
         return RecordStore(path, me, draw, records_max=records_max), ""
     except StoreError as error:
-        if not isinstance(error.__cause__, sqlite3.DatabaseError) or isinstance(
-            error.__cause__, sqlite3.OperationalError
-        ):
+        if not error.is_damaged:
             raise
     try:
         aside = _set_aside(path)
@@ -300,6 +319,12 @@ def _row(record: Record) -> tuple[int, int, int, int, float, bytes]:
         *(record.vehicle_id, record.log_id, record.number),
         *(int(record.kind), record.made_s, record.body),
     )
+
+
+def _is_damage(error: Exception) -> bool:
+    """SQLite found the file wrong, and not that it cannot be reached, or written to."""
+    code = getattr(error, "sqlite_errorcode", None)
+    return code is not None and code & 0xFF not in ENVIRONMENT
 
 
 def _reason(error: Exception) -> str:

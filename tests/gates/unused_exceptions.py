@@ -50,7 +50,6 @@ _.CANCELLED  # MAV_RESULT: an autopilot answers it
 _.STEM  # RecordKind: comes as a number
 _.TRACK
 _.PAYLOAD
-_.of_others  # of a candidate to be sent: what it is sorted by
 _.FENCE_ALT_MIN  # FENCE_TYPE: its bit is taken, or the next would be named wrongly
 
 # Figures: their tables are read by `fields` or `_fields`, never by one name.
