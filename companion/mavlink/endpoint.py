@@ -111,7 +111,7 @@ class Endpoint:
         self.codec = Codec(vehicle_id, frame, start_ned_m=start, broadcasts_position=ranging is None)
         self._ranging = ranging is not None
         self._beacons = beacons or swarm_beacon.Reader(frame)
-        self._records = records
+        self.records = records
         self.autopilot_gate = Gate(takes_signed=True)  # by wire, or from a simulator
         self.peers_gate = Gate(takes_signed=False)  # by radio: a signature that is not read proves nothing
         self.sensors = SensorInputs(sensors, vehicle_id, sensor_streams)
@@ -182,7 +182,7 @@ class Endpoint:
         """A datagram of the swarm's radio, which arrives at `now_s`."""
         words: list[RelativeReport] = []
         records: list[bytes] = []
-        has_beside = self._ranging or self._records is not None
+        has_beside = self._ranging or self.records is not None
         beside = self._beside(words, records, now_s) if has_beside else None
         each = swarm_beacon.read_each(data, self._beacons.decode_frame, beside)
         found = bool(records)
@@ -204,7 +204,7 @@ class Endpoint:
         """Takes what comes with beacons; the frames of `records` are acted on as they come."""
 
         def collect_report(frame: bytes) -> bool:
-            if self._records is not None and self._records.receive(frame, now_s):
+            if self.records is not None and self.records.receive(frame, now_s):
                 records.append(frame)
                 return True
             word = read_relative_report(frame) if self._ranging else None
@@ -303,8 +303,8 @@ class Endpoint:
         self._reply(now_s, to_autopilot)
         out.autopilot = b"".join(to_autopilot)
         out.peers = b"".join(to_peers)
-        if self._records is not None:
-            self._send_records(self._records, now_s, out)
+        if self.records is not None:
+            self._send_records(self.records, now_s, out)
         return out
 
     def _send_records(self, records: RecordLink, now_s: float, out: Outbox) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
-USABLE_SHARE: Final = 0.7  # of a channel that many share without a schedule; beyond it, beacons would wait for records
+USABLE_SHARE: Final = 0.6  # of a channel that many share without a schedule; beyond it, beacons would wait for records
 LEAST_SHARE: Final = 0.02  # of the channel, for all records together: they get through, however many beacons there are
 OVERHEAD_BYTES: Final = 16  # of a frame on the air beside MAVLink's own bytes: preamble, header, checksum
-BURST_BYTES: Final = 600  # two records in a row
+BURST_BYTES: Final = 300  # one record, of the longest
 MEMORY_S: Final = 4.0  # over which is measured what goes ahead of records
 
 

@@ -34,7 +34,7 @@ from companion.records.write_queue import RecordWriter, WriteQueue
 VECTOR_S: Final = 1.0  # between a vehicle's vectors; nobody hears more of one's progress
 BASE_VECTOR_S: Final = 0.5  # the base station's: what it has heard is not sent again
 PLAN_S: Final = 0.25  # how long a plan holds
-FRAMES_MAX: Final = 2  # records in a tick: the next beacons do not wait for more than these
+FRAMES_MAX: Final = 1  # records in a tick: another's beacon does not wait for more than one of each vehicle
 LOGS_MAX: Final = 8  # of one vehicle: disks that it has lost since the swarm took off
 GIVE_UP_S: Final = 30.0  # what the base station has, and nobody has sent for so long, a vehicle does without
 SETTLE_S: Final = 5.0  # after a start, no own record goes out: others may have more of this log than a damaged disk
@@ -84,6 +84,7 @@ class RecordExchange:
         self._settled_s: float | None = None
         self._plan: list[Candidate] = []
         self._plan_s = float("-inf")
+        self._had_beacon = False  # in the last tick
 
     # --- in ---
 
@@ -193,7 +194,10 @@ class RecordExchange:
         ahead_bytes = beacon_bytes + OVERHEAD_BYTES * (beacon_bytes > 0)
         ahead_bytes += sum(_frame_bytes(payload) + OVERHEAD_BYTES for _, payload in out)
         self._airtime.refill(now_s, ahead_bytes, self._peers.heard(now_s))
-        if not self._is_base:
+        # Between the own beacons, unless there is one in each tick: a beacon waits for no record of its own vehicle.
+        is_between = not beacon_bytes or self._had_beacon
+        self._had_beacon = beacon_bytes > 0
+        if is_between and not self._is_base:
             out += [(RECORD_ID, payload) for payload in self._records(now_s)]
         return out
 

@@ -22,8 +22,9 @@ def open_records(
     draw: Callable[[], int],
     *,
     writer: Callable[[RecordStore], RecordWriter] = DirectWriter,
+    is_synced: bool = True,
 ) -> RecordExchange:
-    """A vehicle's (`me`: its id), of a mission that surveys. `path` None: kept in memory alone.
+    """A vehicle's (`me`: its id), of a mission that surveys. `path` None: in memory alone; `is_synced`: see the store.
 
     So it is, and is said, where the file cannot be opened: a companion that starts again in flight must fly on.
     """
@@ -32,7 +33,7 @@ def open_records(
         if path is None:
             store = RecordStore(MEMORY, me, draw)
         else:
-            store, said = open_store(path, me, draw)
+            store, said = open_store(path, me, draw, is_synced=is_synced)
     except StoreError as error:
         store = RecordStore(MEMORY, me, draw)
         said = f"{error}: kept in memory alone"
@@ -42,12 +43,14 @@ def open_records(
     return exchange
 
 
-def open_base(mission: Mission, path: Path | None, draw: Callable[[], int], *, made_s: int) -> RecordExchange:
+def open_base(
+    mission: Mission, path: Path | None, draw: Callable[[], int], *, made_s: int, is_synced: bool = True
+) -> RecordExchange:
     """The base station's. `made_s`: UTC now, for a file that is new. StoreError where it cannot be opened."""
     if path is None:
         store, said = RecordStore(MEMORY, BASE_ID, draw), ""
     else:
-        store, said = open_store(path, BASE_ID, draw)
+        store, said = open_store(path, BASE_ID, draw, is_synced=is_synced)
     epoch = store.made(made_s)
     exchange = RecordExchange(
         store, DirectWriter(store), BASE_ID, mission.swarm.size, bit_rate_kbps(mission), epoch=epoch

@@ -95,18 +95,29 @@ class Written:
 class RecordStore:
     """One node's file. `write` may be called from another thread than the rest, one thread alone."""
 
-    def __init__(self, path: Path | str, me: int, draw: Callable[[], int], *, records_max: int | None = None) -> None:
-        """`draw`: a random uint32. StoreError for a file that cannot be opened, or is damaged."""
+    def __init__(
+        self,
+        path: Path | str,
+        me: int,
+        draw: Callable[[], int],
+        *,
+        records_max: int | None = None,
+        is_synced: bool = True,
+    ) -> None:
+        """`draw`: a random uint32. StoreError for a file that cannot be opened, or is damaged.
+
+        `is_synced` False: of a vehicle that is simulated, as this computer's own power is not at stake.
+        """
         self._me = me
         self._draw = draw
         self._keeps_all = me == BASE_ID
         self._max = records_max or (BASE_RECORDS_MAX if self._keeps_all else RECORDS_MAX)
         with contextlib.ExitStack() as opened:
             try:
-                self._writing = opened.enter_context(contextlib.closing(_connect(path)))
+                self._writing = opened.enter_context(contextlib.closing(_connect(path, is_synced)))
                 self._reading = self._writing
                 if path != MEMORY:
-                    self._reading = opened.enter_context(contextlib.closing(_connect(path)))
+                    self._reading = opened.enter_context(contextlib.closing(_connect(path, is_synced)))
                 self._prepare()
             except (ValueError, TypeError) as error:  # numbers that are none
                 raise StoreError("damaged", is_damaged=True) from error
@@ -278,18 +289,16 @@ class RecordStore:
             raise
 
 
-def open_store(
-    path: Path, me: int, draw: Callable[[], int], *, records_max: int | None = None
-) -> tuple[RecordStore, str]:
+def open_store(path: Path, me: int, draw: Callable[[], int], *, is_synced: bool = True) -> tuple[RecordStore, str]:
     """The store in `path`, and a line where a damaged file was set aside for it. StoreError where there can be none."""
     try:
-        return RecordStore(path, me, draw, records_max=records_max), ""
+        return RecordStore(path, me, draw, is_synced=is_synced), ""
     except StoreError as error:
         if not error.is_damaged:
             raise
     try:
         aside = _set_aside(path)
-        return RecordStore(path, me, draw, records_max=records_max), f"{path.name} was damaged: set aside as {aside}"
+        return RecordStore(path, me, draw, is_synced=is_synced), f"{path.name} was damaged: set aside as {aside}"
     except OSError as error:
         raise StoreError(_reason(error)) from error
 
@@ -307,10 +316,10 @@ def _set_aside(path: Path) -> str:
     return aside.name
 
 
-def _connect(path: Path | str) -> sqlite3.Connection:
+def _connect(path: Path | str, is_synced: bool) -> sqlite3.Connection:
     connection = sqlite3.connect(path, timeout=1.0, isolation_level=None, check_same_thread=False)
     connection.execute("PRAGMA journal_mode = WAL")
-    connection.execute("PRAGMA synchronous = FULL")
+    connection.execute(f"PRAGMA synchronous = {'FULL' if is_synced else 'OFF'}")
     return connection
 
 

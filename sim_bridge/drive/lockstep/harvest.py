@@ -65,7 +65,7 @@ class Harvest:
         self._rng = np.random.default_rng([mission.sim.seed, 0x4A8E57])
         self._links: Final = dict[int, RecordExchange]()
         path = None if folder is None else folder / BASE_FILE
-        self.base: Final = BaseStation(open_base(mission, path, self._draw, made_s=BASE_MADE_S))
+        self.base: Final = BaseStation(open_base(mission, path, self._draw, made_s=BASE_MADE_S, is_synced=False))
         east_m, north_m, _ = mission.route.d1_enu_m
         up_m = world.stand.ground_up_m(east_m, north_m) + ANTENNA_M
         self._pos_ned_m = enu_to_ned((east_m, north_m, up_m))
@@ -109,7 +109,12 @@ class Harvest:
         if before is not None and path is not None:
             before.store.close()
         self._links[vehicle_id] = link = open_records(
-            self._mission, vehicle_id, path, self._draw, writer=lambda store: self._disk(vehicle_id, store)
+            self._mission,
+            vehicle_id,
+            path,
+            self._draw,
+            writer=lambda store: self._disk(vehicle_id, store),
+            is_synced=False,
         )
         return link
 
