@@ -17,7 +17,8 @@ WAIT_S: Final = 0.3  # before a record of another's is passed on: its writer may
 AIRED_MAX: Final = 4096  # records that were on the air lately; of the oldest it is forgotten
 PLAN_MAX: Final = 64  # records, of which the next are sent; made anew before they are at an end
 SLOTS_MAX: Final = 16
-SLOT_S: Final = 0.05  # a tick: of those that could pass on the same record, one sends it, and the others hear that
+ROUNDING: Final = 1e-6  # of a slot: a tick at its very beginning is in it
+SLOT_S: Final = 0.1  # two ticks, one without a beacon: of those that could pass on the same record, one sends it then
 
 Numbered = tuple[LogKey, int]
 
@@ -107,10 +108,10 @@ class Peers:
         return sorted(found.values())[:PLAN_MAX]
 
     def is_turn(self, candidate: Candidate, now_s: float) -> bool:
-        """True if a planned record may go out in this tick. Of others' records each holder has ticks of its own."""
+        """True if a planned record may go out in this tick. Of others' records each holder has a time of its own."""
         if now_s < candidate.due_s:
             return False
-        turn = (round(now_s / SLOT_S) - candidate.number) % self._slots
+        turn = (int(now_s / SLOT_S + ROUNDING) - candidate.number) % self._slots
         return not candidate.of_others or turn == self._me % self._slots
 
     def _lacking(self, holding: Holding, entry: Entry, told_s: float) -> Iterator[int]:

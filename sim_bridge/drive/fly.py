@@ -325,7 +325,7 @@ def _harvest(mission: Mission, world: World, folder: Path | None, stack: ExitSta
     """The records, of a mission that surveys."""
     if mission.survey is None:
         return None
-    harvest = Harvest(mission, world, folder)
+    harvest = Harvest(mission, world.stand, world.radio, folder)
     stack.callback(harvest.close)
     return harvest
 

@@ -16,7 +16,8 @@ from companion.records.store import Batch, RecordStore, StoreError, Written
 from companion.records.write_queue import DirectWriter
 from mission.common.frames import Vec3, enu_to_ned
 from mission.document.model import Mission
-from sim_bridge.world.world import World
+from mission.stand.stand import Stand
+from sim_bridge.world.radio import Radio
 
 BASE_FILE: Final = "records.db"
 ANTENNA_M: Final = 2.0  # above the ground at d1
@@ -57,7 +58,7 @@ class Harvest:
     A `RadioNode` of the lockstep.
     """
 
-    def __init__(self, mission: Mission, world: World, folder: Path | None) -> None:
+    def __init__(self, mission: Mission, stand: Stand, radio: Radio, folder: Path | None) -> None:
         """`folder`: of the run; None: all is kept in memory, and a companion that starts again has lost its disk."""
         self.disks: Final = dict[int, SimulatedDisk]()  # those of companions in this process
         self._mission = mission
@@ -66,10 +67,8 @@ class Harvest:
         self._links: Final = dict[int, RecordExchange]()
         path = None if folder is None else folder / BASE_FILE
         self.base: Final = BaseStation(open_base(mission, path, self._draw, made_s=BASE_MADE_S, is_synced=False))
-        east_m, north_m, _ = mission.route.d1_enu_m
-        up_m = world.stand.ground_up_m(east_m, north_m) + ANTENNA_M
-        self._pos_ned_m = enu_to_ned((east_m, north_m, up_m))
-        world.radio.set_range(BASE_ID, mission.radio.full_range_m)
+        self._pos_ned_m = base_place(mission, stand)
+        radio.set_range(BASE_ID, mission.radio.full_range_m)
         self._over_s: float | None = None
         self._delivered = -1
         self._delivered_s = 0.0
@@ -181,6 +180,12 @@ class Harvest:
         """Let go of all files."""
         for link in (*self._links.values(), self.base.records):
             link.store.close()
+
+
+def base_place(mission: Mission, stand: Stand) -> Vec3:
+    """Position of the base station's antenna, NED m: at d1, on a mast."""
+    east_m, north_m, _ = mission.route.d1_enu_m
+    return enu_to_ned((east_m, north_m, stand.ground_up_m(east_m, north_m) + ANTENNA_M))
 
 
 def describe_records(figures: Mapping[str, Any]) -> list[str]:

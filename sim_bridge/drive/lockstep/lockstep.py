@@ -20,9 +20,9 @@ from companion.mavlink.beacon import Reader
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.harvest import RecordLink
 from companion.sensors.table import sensors_of
-from mission.common.frames import Vec3
 from mission.document.model import Mission
 from sim_bridge.drive.links.inbox import Inbox
+from sim_bridge.drive.links.radio_node import RadioNode
 from sim_bridge.drive.links.transmitter import Transmitter
 from sim_bridge.drive.ticks import world_tick
 from sim_bridge.judge.tick import Tick
@@ -67,24 +67,6 @@ class RecordDisk(Protocol):
 
     def fill(self, *, full: bool) -> None:
         """Let nothing more be written there, or again."""
-
-
-class RadioNode(Protocol):
-    """A radio that is no vehicle's: the base station's."""
-
-    @property
-    def id(self) -> int:
-        """Its system id."""
-
-    @property
-    def pos_ned_m(self) -> Vec3:
-        """Position in the mission's frame."""
-
-    def receive(self, data: bytes, now_s: float) -> None:
-        """Hand over what reaches it."""
-
-    def tick(self, now_s: float) -> list[bytes]:
-        """Frames that it sends now."""
 
 
 class InProcess:

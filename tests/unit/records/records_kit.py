@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import random
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -94,3 +95,23 @@ def chain(*ids: int) -> set[frozenset[int]]:
 def stem(vehicle_id: int, count: int, size: int = 60) -> bytes:
     """A body that no other record has."""
     return f"stem {count} of vehicle {vehicle_id}".encode().ljust(size, b".")
+
+
+def making(air: Air, *ids: int, until_s: float) -> Callable[[], None]:
+    """Each of these makes a record a second."""
+    counts = Counter[int]()
+
+    def each_s() -> None:
+        for me in ids:
+            if me in air.nodes and air.now_s < until_s:
+                counts[me] += 1
+                air.nodes[me].append(RecordKind.STEM, stem(me, counts[me]), air.now_s)
+
+    return each_s
+
+
+def swarm(folder: Path, members: int, *, loss: float = 0.0, seed: int = 1, rate_kbps: float = 1000.0) -> Air:
+    air = Air(folder, members=members, loss=loss, seed=seed, rate_kbps=rate_kbps)
+    for me in (*range(1, members + 1), BASE_ID):
+        air.start(me)
+    return air

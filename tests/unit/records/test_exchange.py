@@ -3,39 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from companion.mavlink.beacon import COMPONENT
 from companion.mavlink.framing import wire
-from companion.records.exchange import GIVE_UP_S, LOGS_MAX, RecordExchange
+from companion.records.exchange import GIVE_UP_S, LOGS_MAX
 from companion.records.frames import RECORD_ID, VECTOR_ID, encode_record, encode_vector, read_record
-from companion.records.record import BASE_ID, BODY_MAX, Entry, LogKey, Record, RecordKind, Vector
-from companion.records.store import Batch, RecordStore, StoreError, Written
-from companion.records.write_queue import DRAFTS_MAX, DirectWriter
-from tests.unit.records.records_kit import Air, chain, stem
-
-
-def making(air: Air, *ids: int, until_s: float) -> Callable[[], None]:
-    """Each of these makes a record a second."""
-    counts = Counter[int]()
-
-    def each_s() -> None:
-        for me in ids:
-            if me in air.nodes and air.now_s < until_s:
-                counts[me] += 1
-                air.nodes[me].append(RecordKind.STEM, stem(me, counts[me]), air.now_s)
-
-    return each_s
-
-
-def swarm(folder: Path, members: int, *, loss: float = 0.0, seed: int = 1, rate_kbps: float = 1000.0) -> Air:
-    air = Air(folder, members=members, loss=loss, seed=seed, rate_kbps=rate_kbps)
-    for me in (*range(1, members + 1), BASE_ID):
-        air.start(me)
-    return air
+from companion.records.record import BASE_ID, Entry, Record, RecordKind, Vector
+from companion.records.store import Batch
+from tests.unit.records.records_kit import chain, making, stem, swarm
 
 
 def from_peer(message_id: int, payload: bytes, sender: int = 2) -> bytes:
@@ -184,7 +162,7 @@ def test_neighbours_do_not_all_send_the_same_record(tmp_path: Path) -> None:
 
 
 def test_the_base_station_is_served_before_others(tmp_path: Path) -> None:
-    air = swarm(tmp_path, 3, rate_kbps=100.0)
+    air = swarm(tmp_path, 3, rate_kbps=150.0)
     air.links = chain(1, 2)
     for count in range(1, 201):
         air.nodes[1].append(RecordKind.STEM, stem(1, count), 0.0)
@@ -291,112 +269,3 @@ def test_bytes_that_are_no_record_are_left_to_others(tmp_path: Path) -> None:
     air = swarm(tmp_path, 2)
     assert not air.nodes[1].receive(b"", 0.0)
     assert not air.nodes[1].receive(b"\xfd" * 40, 0.0)
-
-
-# --- the disk ---
-
-
-class Switched(DirectWriter):
-    """A disk that can be full."""
-
-    full = False
-
-    def submit(self, batch: Batch) -> bool:
-        """Write it, if there is room."""
-        if self.full:
-            self._outcome = StoreError("database or disk is full")
-            return True
-        return super().submit(batch)
-
-
-def with_switch(air: Air, me: int) -> tuple[RecordExchange, Switched]:
-    made: list[Switched] = []
-
-    def writer(store: RecordStore) -> Switched:
-        made.append(Switched(store))
-        return made[0]
-
-    return air.start(me, writer=writer), made[0]
-
-
-def test_a_full_disk_is_said_once_and_nothing_of_a_minute_is_lost(tmp_path: Path) -> None:
-    air = swarm(tmp_path, 2)
-    air.stop(1)
-    node, disk = with_switch(air, 1)
-    said: list[str] = []
-
-    def each_s() -> None:
-        made()
-        said.extend(node.lines())
-
-    made = making(air, 1, until_s=60.0)
-    disk.full = True
-    air.run(60.0, each_s)
-    assert air.at_base() == []
-    assert said == ["records: database or disk is full: new ones wait in memory"]
-    disk.full = False
-    air.run(30.0, each_s)
-    assert said[1:] == ["records: the disk takes them again"]
-    assert [number for _, number, _ in air.at_base()] == list(range(1, 61))
-
-
-def test_what_does_not_fit_in_memory_either_is_counted_and_said(tmp_path: Path) -> None:
-    air = swarm(tmp_path, 2)
-    air.stop(1)
-    node, disk = with_switch(air, 1)
-    disk.full = True
-    for count in range(DRAFTS_MAX + 5):
-        node.append(RecordKind.STEM, stem(1, count), 0.0)
-    assert node.refused == 5
-    assert node.lines() == ["records: no room: new ones are LOST"]
-
-
-def test_a_body_that_fits_no_frame_is_refused(tmp_path: Path) -> None:
-    node = swarm(tmp_path, 2).nodes[1]
-    node.append(RecordKind.STEM, bytes(BODY_MAX + 1), 0.0)
-    assert node.refused == 1
-
-
-def test_no_record_is_told_of_or_sent_before_it_is_on_the_disk(tmp_path: Path) -> None:
-    class Slow(DirectWriter):
-        """A disk that never comes back."""
-
-        def take_outcome(self) -> Written | StoreError | None:
-            return None
-
-    air = swarm(tmp_path, 2)
-    air.stop(1)
-    air.start(1, writer=Slow)
-    air.run(10.0, making(air, 1, until_s=10.0))
-    assert not any(sender == 1 and read_record(frame) for sender, frame in air.sent)
-    assert air.nodes[2].progress().made == 0
-
-
-def test_a_full_base_station_says_so_and_gets_the_rest_when_it_has_room(tmp_path: Path) -> None:
-    air = swarm(tmp_path, 2)
-    air.stop(BASE_ID)
-    base = air.start(BASE_ID, records_max=10)
-    air.run(30.0, making(air, 1, 2, until_s=20.0))
-    assert len(air.at_base()) == 10
-    assert base.lines() == ["records: no room for more: they wait on the vehicles"]
-    air.stop(BASE_ID)
-    air.start(BASE_ID)
-    air.run(20.0)
-    assert len(air.at_base()) == 40
-
-
-def test_a_full_vehicle_passes_on_what_it_has_and_deletes_only_what_is_delivered(tmp_path: Path) -> None:
-    air = swarm(tmp_path, 2)
-    air.stop(1)
-    air.start(1, records_max=20)
-    air.links = chain(2, 1, BASE_ID)
-    air.run(120.0, making(air, 1, 2, until_s=60.0))
-    assert Counter(air.at_base()) == Counter((me, k, stem(me, k)) for me in (1, 2) for k in range(1, 61))
-    assert len(list(air.nodes[1].store.records(RecordKind.STEM))) <= 20
-
-
-def test_one_vehicles_log_is_not_anothers(tmp_path: Path) -> None:
-    air = swarm(tmp_path, 2)
-    air.run(5.0, making(air, 1, 2, until_s=5.0))
-    assert {key.vehicle_id for key in air.nodes[BASE_ID].store.holdings()} == {1, 2}
-    assert LogKey(1, 1) not in air.nodes[BASE_ID].store.holdings()
