@@ -102,6 +102,20 @@ def test_a_full_base_station_says_so_and_gets_the_rest_when_it_has_room(tmp_path
     assert len(air.at_base()) == 40
 
 
+def test_a_disk_of_the_base_station_that_takes_nothing_is_said_once_and_made_up_for(tmp_path: Path) -> None:
+    air = swarm(tmp_path, 2)
+    air.stop(BASE_ID)
+    base, disk = with_switch(air, BASE_ID)
+    disk.full = True
+    each_s = making(air, 1, until_s=20.0)
+    air.run(20.0, each_s)
+    assert (air.at_base(), air.nodes[1].acked) == ([], {})
+    assert base.lines() == ["records: database or disk is full: none is taken"]
+    disk.full = False
+    air.run(20.0, each_s)
+    assert [number for _, number, _ in air.at_base()] == list(range(1, 21))
+
+
 def test_a_full_vehicle_passes_on_what_it_has_and_deletes_only_what_is_delivered(tmp_path: Path) -> None:
     air = swarm(tmp_path, 2)
     air.stop(1)
