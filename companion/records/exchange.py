@@ -36,6 +36,7 @@ BASE_VECTOR_S: Final = 0.5  # the base station's: what it has heard is not sent 
 PLAN_S: Final = 0.25  # how long a plan holds
 FRAMES_MAX: Final = 1  # records in a tick: another's beacon does not wait for more than one of each vehicle
 LOGS_MAX: Final = 8  # of one vehicle: disks that it has lost since the swarm took off
+LOGS_TOTAL_MAX: Final = 512  # of all vehicles: what is kept of each neighbour is bounded with them
 GIVE_UP_S: Final = 30.0  # what the base station has, and nobody has sent for so long, a vehicle does without
 SETTLE_S: Final = 5.0  # after a start, no own record goes out: others may have more of this log than a damaged disk
 
@@ -169,7 +170,8 @@ class RecordExchange:
         if not 1 <= key.vehicle_id <= self._members:
             self.dropped["unknown"] += 1
             return False
-        if sum(other.vehicle_id == key.vehicle_id for other in self._holdings) >= LOGS_MAX:
+        of_vehicle = sum(other.vehicle_id == key.vehicle_id for other in self._holdings)
+        if of_vehicle >= LOGS_MAX or len(self._holdings) >= LOGS_TOTAL_MAX:
             self.dropped["too many logs"] += 1
             return False
         self._holdings[key] = Holding()
@@ -275,7 +277,7 @@ class RecordExchange:
         self._holdings[self._own] = Holding.of(outcome.moved)
         self._known[self._own] = outcome.moved
         self._opened_last, self._settled_s = 0, float("-inf")
-        self._queue.lines.append("records: the disk has lost the end of its log: another is begun")
+        self._queue.lines.append("records: log cut short by disk: new log begun")
 
     # --- the radio ---
 

@@ -36,7 +36,7 @@ def open_records(
             store, said = open_store(path, me, draw, is_synced=is_synced)
     except StoreError as error:
         store = RecordStore(MEMORY, me, draw)
-        said = f"{error}: kept in memory alone"
+        said = f"{error}: in memory"
     exchange = RecordExchange(store, writer(store), me, mission.swarm.size, bit_rate_kbps(mission))
     if said:
         exchange.note_line(f"records: {said}")

@@ -126,7 +126,8 @@ class Peers:
                 yield peer
 
     def _forget(self, now_s: float) -> None:
-        """Drops what was on the air before any vector that still counts."""
+        """Drops what was on the air before any vector that still counts, and nodes that are out of range."""
+        self._peers = {k: peer for k, peer in self._peers.items() if now_s - peer.heard_s <= HEARD_S}
         while self._aired_s:
             oldest = next(iter(self._aired_s))
             if now_s - self._aired_s[oldest] <= HEARD_S + LAG_S:

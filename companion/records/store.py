@@ -7,6 +7,7 @@ The primary key makes duplicates impossible, and what is there is never overwrit
 from __future__ import annotations
 
 import contextlib
+import errno
 import sqlite3
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -337,5 +338,8 @@ def _is_damage(error: Exception) -> bool:
 
 
 def _reason(error: Exception) -> str:
+    code = getattr(error, "sqlite_errorcode", None)
+    if (code is not None and code & 0xFF == sqlite3.SQLITE_FULL) or getattr(error, "errno", None) == errno.ENOSPC:
+        return "disk full"
     text = (isinstance(error, OSError) and error.strerror) or str(error)
     return text[:SAID_CHARS]

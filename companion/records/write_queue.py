@@ -143,7 +143,7 @@ class WriteQueue:
     def _put_back(self, batch: Batch, error: StoreError, now_s: float) -> None:
         """Nothing was written: own records wait in memory, others' come again."""
         if not self._is_failing:
-            waiting = "new ones wait in memory" if self._keeps_own else "none is taken"
+            waiting = "kept in memory" if self._keeps_own else "none is taken"
             self.lines.append(f"records: {error}: {waiting}")
         self._is_failing = True
         self._write_s = self._full_until_s = now_s + RETRY_S

@@ -43,7 +43,7 @@ class SimulatedDisk(DirectWriter):
         """Write it, where there is room."""
         if not self._is_full:
             return super().submit(batch)
-        self._failure = StoreError("No space left on device")
+        self._failure = StoreError("disk full")
         return True
 
     def take_outcome(self) -> Written | StoreError | None:

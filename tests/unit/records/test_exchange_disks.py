@@ -21,7 +21,7 @@ class Switched(DirectWriter):
     def submit(self, batch: Batch) -> bool:
         """Write it, if there is room."""
         if self.full:
-            self._outcome = StoreError("database or disk is full")
+            self._outcome = StoreError("disk full")
             return True
         return super().submit(batch)
 
@@ -50,7 +50,7 @@ def test_a_full_disk_is_said_once_and_nothing_of_a_minute_is_lost(tmp_path: Path
     disk.full = True
     air.run(60.0, each_s)
     assert air.at_base() == []
-    assert said == ["records: database or disk is full: new ones wait in memory"]
+    assert said == ["records: disk full: kept in memory"]
     disk.full = False
     air.run(30.0, each_s)
     assert said[1:] == ["records: the disk takes them again"]
@@ -110,7 +110,7 @@ def test_a_disk_of_the_base_station_that_takes_nothing_is_said_once_and_made_up_
     each_s = making(air, 1, until_s=20.0)
     air.run(20.0, each_s)
     assert (air.at_base(), air.nodes[1].acked) == ([], {})
-    assert base.lines() == ["records: database or disk is full: none is taken"]
+    assert base.lines() == ["records: disk full: none is taken"]
     disk.full = False
     air.run(20.0, each_s)
     assert [number for _, number, _ in air.at_base()] == list(range(1, 21))

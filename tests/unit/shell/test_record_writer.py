@@ -95,7 +95,7 @@ def test_records_of_a_real_vehicle_are_written_by_a_thread_that_ends_with_the_fl
 def test_a_file_that_cannot_be_opened_is_said_and_the_companion_flies_on(tmp_path: Path) -> None:
     with ExitStack() as opened:
         records = records_of(surveying(), 1, tmp_path / "none" / "a.db", opened, beside_loop=False)
-        assert records.lines() == ["records: unable to open database file: kept in memory alone"]
+        assert records.lines() == ["records: unable to open database file: in memory"]
         records.append(RecordKind.STEM, b"x", 1.0)
         records.frames(1.0, 0)
         assert records.progress().made == 1
