@@ -153,6 +153,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
         log.broken(runner.now_s, traceback.format_exc())
         return EXIT_BROKEN
     service.stopping()
+    changes.log_records(runner.now_s)
     log.line(
         runner.now_s,
         f"stopped by {stop.reason}, nothing is commanded any more; ticks {runner.ticks}, "

@@ -19,3 +19,6 @@ class RecordLink(Protocol):
 
     def lines(self) -> list[str]:
         """Lines for the operator, since last asked."""
+
+    def counters(self) -> dict[str, int]:
+        """Counts for the log: what is made, delivered, lost and refused."""

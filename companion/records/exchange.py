@@ -67,7 +67,7 @@ class RecordExchange:
     ) -> None:
         """`members`: number of vehicles of the swarm; others are not heard. `epoch`: of the base station's file."""
         self.gate = Gate(takes_signed=False)  # by radio: a signature that is not read proves nothing
-        self.dropped: Final = dict.fromkeys(("unknown", "conflicting", "too many logs"), 0)
+        self.dropped: Final = dict.fromkeys(("of unknown vehicles", "conflicting", "of too many logs"), 0)
         self._store = store
         self._queue = WriteQueue(writer, keeps_own=me != BASE_ID)
         self._me, self._members = me, members
@@ -106,7 +106,7 @@ class RecordExchange:
         if component != COMPONENT or not self.gate.admits(frame):
             return True
         if sender == self._me or not (1 <= sender <= self._members or sender == BASE_ID):
-            self.dropped["unknown"] += 1
+            self.dropped["of unknown vehicles"] += 1
         elif record is not None:
             self._receive_record(record, now_s)
         elif vector is not None and vector.is_base == (sender == BASE_ID):
@@ -168,11 +168,11 @@ class RecordExchange:
         if key in self._holdings:
             return True
         if not 1 <= key.vehicle_id <= self._members:
-            self.dropped["unknown"] += 1
+            self.dropped["of unknown vehicles"] += 1
             return False
         of_vehicle = sum(other.vehicle_id == key.vehicle_id for other in self._holdings)
         if of_vehicle >= LOGS_MAX or len(self._holdings) >= LOGS_TOTAL_MAX:
-            self.dropped["too many logs"] += 1
+            self.dropped["of too many logs"] += 1
             return False
         self._holdings[key] = Holding()
         self._known.setdefault(key, 0)
@@ -212,10 +212,15 @@ class RecordExchange:
         """The records on this node's disk."""
         return self._store
 
-    @property
-    def refused(self) -> int:
-        """Own records that are lost, as there was no room for them."""
-        return self._queue.refused
+    def counters(self) -> dict[str, int]:
+        """Counts for the log, of this node."""
+        progress = self.progress()
+        return {
+            "records heard of": progress.made,
+            "delivered": progress.delivered,
+            "own ones lost": self._queue.refused,
+            **self.dropped,
+        }
 
     def lines(self) -> list[str]:
         """Lines for the operator, since last asked."""

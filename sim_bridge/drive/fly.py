@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -150,7 +151,8 @@ class Flight:
 
     def status(self, real_time_factor: float) -> Status:
         """A glance at the swarm."""
-        return self.observer.status(self.last, real_time_factor)
+        status = self.observer.status(self.last, real_time_factor)
+        return status if self.harvest is None else replace(status, records=str(self.harvest.base.progress))
 
     def intervene(self, fault: Mapping[str, Any]) -> None:
         """Let a fault begin with the next tick; `fault`: as in [[sim.faults]], without a time.

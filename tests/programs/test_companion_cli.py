@@ -230,6 +230,7 @@ def test_a_mission_that_surveys_has_its_records_in_a_file(mission: Path, tmp_pat
     (file,) = tmp_path.glob("*.db")
     assert file.name == "given.db" if given else file.name.startswith("records-1-")
     assert f"records in {file}: 0 of 0 records delivered" in log
+    assert "records heard of 0, delivered 0, own ones lost 0" in _text(tmp_path / "flight.log")  # as it ends
 
 
 def _text(path: Path) -> str:

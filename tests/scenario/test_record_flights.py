@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,7 @@ def test_all_records_come_home_once(tmp_path: Path) -> None:
     assert made > 200
     assert outcome.summary["records_delivered"] == made
     assert f"base station: {made} of {made} records delivered" in shown
+    assert re.search(r"transit .* \d+x  \d+ of \d+ records delivered", shown)
     assert len(set(bodies_at_base(tmp_path))) == len(bodies_at_base(tmp_path)) == made
 
 

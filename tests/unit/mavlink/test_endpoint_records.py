@@ -41,6 +41,9 @@ class Noted:
         self.beacon_bytes.append(beacon_bytes)
         return [(RECORD_ID, PAYLOAD)]
 
+    def counters(self) -> dict[str, int]:
+        return {}
+
     def lines(self) -> list[str]:
         said, self.to_say = self.to_say, []
         return said

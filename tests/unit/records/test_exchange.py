@@ -197,7 +197,7 @@ def test_unknown_vehicles_are_not_heard(tmp_path: Path) -> None:
     assert node.receive(from_peer(RECORD_ID, record), 0.0)
     assert node.receive(from_peer(RECORD_ID, encode_record(Record(2, 1, 1, RecordKind.STEM, 0.0, b"x")), sender=3), 0.0)
     air.run(2.0)
-    assert node.dropped["unknown"] == 2
+    assert node.dropped["of unknown vehicles"] == 2
     assert list(node.store.records(RecordKind.STEM)) == []
 
 

@@ -64,14 +64,14 @@ def test_what_does_not_fit_in_memory_either_is_counted_and_said(tmp_path: Path) 
     disk.full = True
     for count in range(DRAFTS_MAX + 5):
         node.append(RecordKind.STEM, stem(1, count), 0.0)
-    assert node.refused == 5
+    assert node.counters()["own ones lost"] == 5
     assert node.lines() == ["records: no room: new ones are LOST"]
 
 
 def test_a_body_that_fits_no_frame_is_refused(tmp_path: Path) -> None:
     node = swarm(tmp_path, 2).nodes[1]
     node.append(RecordKind.STEM, bytes(BODY_MAX + 1), 0.0)
-    assert node.refused == 1
+    assert node.counters()["own ones lost"] == 1
 
 
 def test_no_record_is_told_of_or_sent_before_it_is_on_the_disk(tmp_path: Path) -> None:
