@@ -11,7 +11,7 @@ from pathlib import Path
 from companion.records.exchange import RecordExchange
 from companion.records.node import open_records
 from companion.records.store import RecordStore
-from companion.records.write_queue import DirectWriter
+from companion.records.write_queue import DirectWriter, RecordWriter
 from companion.shell.record_writer import ThreadedWriter
 from mission.document.model import Mission
 
@@ -23,12 +23,15 @@ def records_of(
 ) -> RecordExchange:
     """This vehicle's records in `path`. `beside_loop`: written by a thread, else while the loop waits."""
 
-    def threaded(store: RecordStore) -> ThreadedWriter:
-        writer = ThreadedWriter(store)
-        opened.callback(writer.close)
-        return writer
+    def writer(store: RecordStore) -> RecordWriter:
+        opened.callback(store.close)
+        if not beside_loop:
+            return DirectWriter(store)
+        made = ThreadedWriter(store)
+        opened.callback(made.close)  # before the file
+        return made
 
-    return open_records(mission, vehicle_id, path, draw_log, writer=threaded if beside_loop else DirectWriter)
+    return open_records(mission, vehicle_id, path, draw_log, writer=writer)
 
 
 def draw_log() -> int:

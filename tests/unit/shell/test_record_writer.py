@@ -89,7 +89,8 @@ def test_records_of_a_real_vehicle_are_written_by_a_thread_that_ends_with_the_fl
         records.append(RecordKind.STEM, b"x", 1.0)
         records.frames(1.0, 0)
     assert threading.active_count() == before
-    assert len(list(records.store.records(RecordKind.STEM))) == 1
+    assert [file.name for file in tmp_path.iterdir()] == ["a.db"]  # closed: nothing lies beside it
+    assert len(list(RecordStore(tmp_path / "a.db", 1, lambda: 1).records(RecordKind.STEM))) == 1
 
 
 def test_a_file_that_cannot_be_opened_is_said_and_the_companion_flies_on(tmp_path: Path) -> None:
