@@ -80,10 +80,17 @@ def build_parser() -> argparse.ArgumentParser:
     )
     run.add_argument("--clock", choices=("monotonic", "vehicle"), default="monotonic", help="default: monotonic")
     run.add_argument("--log", metavar="FILE", help="append the flight log to FILE; default: stderr")
+    run.add_argument(
+        "--records",
+        metavar="FILE",
+        help="database of what is measured, of a mission with [survey]; a companion that starts again goes on with it; "
+        "default: beside the flight log, or in $STATE_DIRECTORY, one for each mission and vehicle",
+    )
     _add_preflight(commands)
     _add_doctor(commands)
     _add_watch(commands)
     _add_lidar(commands)
+    _add_base(commands)
     return parser
 
 
@@ -218,6 +225,25 @@ def _add_lidar(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
 
 
+def _add_base(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    base = commands.add_parser(
+        "base",
+        help="collect the swarm's records on a computer at the base",
+        description=help_texts.BASE,
+        epilog=help_texts.BASE_MORE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    base.add_argument("mission", metavar="MISSION", help="mission file (TOML) with [survey]; the swarm's own")
+    base.add_argument("--listen", required=True, type=_url(PEERS_SCHEMES), metavar="URL", help="link to the companions")
+    base.add_argument(
+        "--records",
+        required=True,
+        metavar="FILE",
+        help="database of what is collected; one that is there is gone on with",
+    )
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code (SystemExit for --help, --version and wrong usage)."""
     for stream in (sys.stdout, sys.stderr):
@@ -237,6 +263,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         from companion.lidar.command import read_lidar
 
         return read_lidar(arguments)
+    if arguments.command == "base":
+        from companion.base.command import base
+
+        return base(arguments)
     gc.disable()  # what loading makes stays
     from companion import run_command
 

@@ -101,3 +101,20 @@ A lidar that is unplugged is waited for. docs/how-to/connect-a-lidar.md has wiri
 exit codes: 0 ended by SIGINT or SIGTERM, or the check has passed, 1 the check has not, 2 wrong usage, 3 a port that
 cannot be opened, or a check in which nothing is received
 """
+
+BASE = """\
+Hears a swarm that surveys, stores its records, and acknowledges what is on its disk: only then may a vehicle
+delete them. It steers nothing. It may be stopped and started again at any time: nothing comes twice, nothing is
+left out.
+"""
+
+BASE_MORE = """\
+example, on a computer in the mesh network:
+  companion base forest.toml --listen udpbcast://192.168.4.255:14660 --records forest.db
+
+It shows how many records there are, as far as the vehicles have told it, and how many it has:
+  412 of 430 records delivered, vehicles 1, 2, 5 in range
+Ends with Ctrl-C. docs/how-to/collect-records.md has more.
+
+exit codes: 0 ended by SIGINT or SIGTERM, 2 wrong usage or a bad file, 3 a port or a file that cannot be opened
+"""

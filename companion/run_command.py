@@ -13,6 +13,7 @@ from contextlib import ExitStack
 from datetime import UTC, datetime
 
 from companion.mavlink.endpoint import Endpoint
+from companion.mavlink.harvest import RecordLink
 from companion.preflight.report import clearance
 from companion.sensors.table import SENSORS, sensors_of
 from companion.shell.flight_log import ChangeLogger, FlightLog, summary
@@ -88,6 +89,8 @@ def mission_of(arguments: argparse.Namespace) -> Mission:
     for name, url in arguments.sensors.items():
         if not SENSORS[name].is_flown(mission):
             raise RefusedError(EXIT_REFUSED, f"--sensor {name}={url}: {printable(path)} {SENSORS[name].UNUSED}")
+    if arguments.command == "run" and arguments.records is not None and mission.survey is None:
+        raise RefusedError(EXIT_REFUSED, f"--records: {printable(path)} has no [survey]: there are none")
     for kind in SENSORS.values() if arguments.command == "run" and not arguments.sensors else ():
         if kind.NEEDS_LINK and kind.is_flown(mission):
             raise RefusedError(
@@ -116,6 +119,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
         sensors=sensors_of(mission),
         autopilot_is_stream=arguments.autopilot.scheme is Scheme.SERIAL,
         sensor_streams={name: url.scheme is Scheme.SERIAL for name, url in urls.items()},
+        records=_records(arguments, mission, opened, log),
     )
     cleared = clearance(arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time())
     endpoint.agent.ground(cleared.grounded)
@@ -149,12 +153,25 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
         log.broken(runner.now_s, traceback.format_exc())
         return EXIT_BROKEN
     service.stopping()
+    changes.log_records(runner.now_s)
     log.line(
         runner.now_s,
         f"stopped by {stop.reason}, nothing is commanded any more; ticks {runner.ticks}, "
         f"missed {runner.missed}, {summary(changes.counters())}, log lines lost {log.lost}",
     )
     return EXIT_DONE
+
+
+def _records(arguments: argparse.Namespace, mission: Mission, opened: ExitStack, log: FlightLog) -> RecordLink | None:
+    """Of a mission that surveys."""
+    if mission.survey is None:
+        return None
+    from companion.shell.records import records_of, records_path  # SQLite, which other flights need not keep
+
+    path = records_path(arguments.records, arguments.log, mission, arguments.id)
+    records = records_of(mission, arguments.id, path, opened, beside_loop=arguments.clock == "monotonic")
+    log.line(None, f"records in {path}: {records.progress()}")
+    return records
 
 
 def _start_line(arguments: argparse.Namespace, mission: Mission) -> str:

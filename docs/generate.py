@@ -75,6 +75,10 @@ no companion left. |
 | `verdict` | The last line of `fly`: see above. |
 | `wall_time_s` | How long it took on your machine. |
 | `real_time_factor` | `sim_time_s` over the wall time of the flight itself, without the start of the companions. |
+| `records_made`, `records_delivered` | Of a mission [that surveys](../how-to/collect-records.md): records on the \
+disks of all vehicles, and of the base station. |
+| `records_lost`, `records_waiting` | By vehicle: its own records that the base station lacks, where its companion \
+never came back, and where it runs. |
 | `trace_hash` | SHA-256 over every vehicle's state and every beacon of every tick: equal hashes, equal flights. |
 | `flown_by`, `law`, `law_sha256`, `safety_filter` | Only where [not all was ours](../how-to/fly-your-own-law.md): \
 in words, as the verdict has it; the law's name; SHA-256 of its file, or null; whether there was a safety filter. |

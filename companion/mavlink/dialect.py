@@ -1120,6 +1120,8 @@ MAVLINK_MSG_ID_SWARM_BEACON = 52100
 MAVLINK_MSG_ID_SWARM_RANGES = 52101
 MAVLINK_MSG_ID_SWARM_RELATIVE = 52102
 MAVLINK_MSG_ID_SWARM_LIDAR_SCAN = 52103
+MAVLINK_MSG_ID_SWARM_RECORD_VECTOR = 52104
+MAVLINK_MSG_ID_SWARM_RECORD = 52105
 
 
 class MAVLink_heartbeat_message(MAVLink_message):
@@ -3662,6 +3664,96 @@ class MAVLink_swarm_lidar_scan_message(MAVLink_message):
 setattr(MAVLink_swarm_lidar_scan_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_swarm_record_vector_message(MAVLink_message):
+    """
+    The records that a vehicle or the base station has, log by log,
+    and what it knows to be at the base station: once a second, in as
+    many messages as there are logs to tell of. Neighbours send what
+    is missing.
+    """
+
+    id = MAVLINK_MSG_ID_SWARM_RECORD_VECTOR
+    msgname = "SWARM_RECORD_VECTOR"
+    fieldnames = ["base_epoch", "base_hops", "node_flags", "log_entries"]
+    ordered_fieldnames = ["base_epoch", "base_hops", "node_flags", "log_entries"]
+    fieldtypes = ["uint32_t", "uint8_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"base_epoch": "s"}
+    native_format = bytearray(b"<IBBB")
+    orders = [0, 1, 2, 3]
+    lengths = [1, 1, 1, 231]
+    array_lengths = [0, 0, 0, 231]
+    crc_extra = 136
+    unpacker = struct.Struct("<IBB231B")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, base_epoch: int, base_hops: int, node_flags: int, log_entries: Sequence[int]):
+        MAVLink_message.__init__(self, MAVLink_swarm_record_vector_message.id, MAVLink_swarm_record_vector_message.msgname)
+        self._fieldnames = MAVLink_swarm_record_vector_message.fieldnames
+        self._instance_field = MAVLink_swarm_record_vector_message.instance_field
+        self._instance_offset = MAVLink_swarm_record_vector_message.instance_offset
+        self.base_epoch = base_epoch
+        self.base_hops = base_hops
+        self.node_flags = node_flags
+        self.log_entries = log_entries
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.base_epoch, self.base_hops, self.node_flags, self.log_entries[0], self.log_entries[1], self.log_entries[2], self.log_entries[3], self.log_entries[4], self.log_entries[5], self.log_entries[6], self.log_entries[7], self.log_entries[8], self.log_entries[9], self.log_entries[10], self.log_entries[11], self.log_entries[12], self.log_entries[13], self.log_entries[14], self.log_entries[15], self.log_entries[16], self.log_entries[17], self.log_entries[18], self.log_entries[19], self.log_entries[20], self.log_entries[21], self.log_entries[22], self.log_entries[23], self.log_entries[24], self.log_entries[25], self.log_entries[26], self.log_entries[27], self.log_entries[28], self.log_entries[29], self.log_entries[30], self.log_entries[31], self.log_entries[32], self.log_entries[33], self.log_entries[34], self.log_entries[35], self.log_entries[36], self.log_entries[37], self.log_entries[38], self.log_entries[39], self.log_entries[40], self.log_entries[41], self.log_entries[42], self.log_entries[43], self.log_entries[44], self.log_entries[45], self.log_entries[46], self.log_entries[47], self.log_entries[48], self.log_entries[49], self.log_entries[50], self.log_entries[51], self.log_entries[52], self.log_entries[53], self.log_entries[54], self.log_entries[55], self.log_entries[56], self.log_entries[57], self.log_entries[58], self.log_entries[59], self.log_entries[60], self.log_entries[61], self.log_entries[62], self.log_entries[63], self.log_entries[64], self.log_entries[65], self.log_entries[66], self.log_entries[67], self.log_entries[68], self.log_entries[69], self.log_entries[70], self.log_entries[71], self.log_entries[72], self.log_entries[73], self.log_entries[74], self.log_entries[75], self.log_entries[76], self.log_entries[77], self.log_entries[78], self.log_entries[79], self.log_entries[80], self.log_entries[81], self.log_entries[82], self.log_entries[83], self.log_entries[84], self.log_entries[85], self.log_entries[86], self.log_entries[87], self.log_entries[88], self.log_entries[89], self.log_entries[90], self.log_entries[91], self.log_entries[92], self.log_entries[93], self.log_entries[94], self.log_entries[95], self.log_entries[96], self.log_entries[97], self.log_entries[98], self.log_entries[99], self.log_entries[100], self.log_entries[101], self.log_entries[102], self.log_entries[103], self.log_entries[104], self.log_entries[105], self.log_entries[106], self.log_entries[107], self.log_entries[108], self.log_entries[109], self.log_entries[110], self.log_entries[111], self.log_entries[112], self.log_entries[113], self.log_entries[114], self.log_entries[115], self.log_entries[116], self.log_entries[117], self.log_entries[118], self.log_entries[119], self.log_entries[120], self.log_entries[121], self.log_entries[122], self.log_entries[123], self.log_entries[124], self.log_entries[125], self.log_entries[126], self.log_entries[127], self.log_entries[128], self.log_entries[129], self.log_entries[130], self.log_entries[131], self.log_entries[132], self.log_entries[133], self.log_entries[134], self.log_entries[135], self.log_entries[136], self.log_entries[137], self.log_entries[138], self.log_entries[139], self.log_entries[140], self.log_entries[141], self.log_entries[142], self.log_entries[143], self.log_entries[144], self.log_entries[145], self.log_entries[146], self.log_entries[147], self.log_entries[148], self.log_entries[149], self.log_entries[150], self.log_entries[151], self.log_entries[152], self.log_entries[153], self.log_entries[154], self.log_entries[155], self.log_entries[156], self.log_entries[157], self.log_entries[158], self.log_entries[159], self.log_entries[160], self.log_entries[161], self.log_entries[162], self.log_entries[163], self.log_entries[164], self.log_entries[165], self.log_entries[166], self.log_entries[167], self.log_entries[168], self.log_entries[169], self.log_entries[170], self.log_entries[171], self.log_entries[172], self.log_entries[173], self.log_entries[174], self.log_entries[175], self.log_entries[176], self.log_entries[177], self.log_entries[178], self.log_entries[179], self.log_entries[180], self.log_entries[181], self.log_entries[182], self.log_entries[183], self.log_entries[184], self.log_entries[185], self.log_entries[186], self.log_entries[187], self.log_entries[188], self.log_entries[189], self.log_entries[190], self.log_entries[191], self.log_entries[192], self.log_entries[193], self.log_entries[194], self.log_entries[195], self.log_entries[196], self.log_entries[197], self.log_entries[198], self.log_entries[199], self.log_entries[200], self.log_entries[201], self.log_entries[202], self.log_entries[203], self.log_entries[204], self.log_entries[205], self.log_entries[206], self.log_entries[207], self.log_entries[208], self.log_entries[209], self.log_entries[210], self.log_entries[211], self.log_entries[212], self.log_entries[213], self.log_entries[214], self.log_entries[215], self.log_entries[216], self.log_entries[217], self.log_entries[218], self.log_entries[219], self.log_entries[220], self.log_entries[221], self.log_entries[222], self.log_entries[223], self.log_entries[224], self.log_entries[225], self.log_entries[226], self.log_entries[227], self.log_entries[228], self.log_entries[229], self.log_entries[230]), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_swarm_record_vector_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_swarm_record_message(MAVLink_message):
+    """
+    One record of one vehicle's log, from its writer or passed on by
+    another vehicle. A frame carries it whole: there are no fragments.
+    Sent after the beacons, in the airtime that they leave.
+    """
+
+    id = MAVLINK_MSG_ID_SWARM_RECORD
+    msgname = "SWARM_RECORD"
+    fieldnames = ["made_usec", "log_id", "log_number", "log_writer", "record_kind", "body_size", "record_body"]
+    ordered_fieldnames = ["made_usec", "log_id", "log_number", "log_writer", "record_kind", "body_size", "record_body"]
+    fieldtypes = ["uint64_t", "uint32_t", "uint32_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"made_usec": "us", "body_size": "bytes"}
+    native_format = bytearray(b"<QIIBBBB")
+    orders = [0, 1, 2, 3, 4, 5, 6]
+    lengths = [1, 1, 1, 1, 1, 1, 236]
+    array_lengths = [0, 0, 0, 0, 0, 0, 236]
+    crc_extra = 246
+    unpacker = struct.Struct("<QIIBBB236B")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, made_usec: int, log_id: int, log_number: int, log_writer: int, record_kind: int, body_size: int, record_body: Sequence[int]):
+        MAVLink_message.__init__(self, MAVLink_swarm_record_message.id, MAVLink_swarm_record_message.msgname)
+        self._fieldnames = MAVLink_swarm_record_message.fieldnames
+        self._instance_field = MAVLink_swarm_record_message.instance_field
+        self._instance_offset = MAVLink_swarm_record_message.instance_offset
+        self.made_usec = made_usec
+        self.log_id = log_id
+        self.log_number = log_number
+        self.log_writer = log_writer
+        self.record_kind = record_kind
+        self.body_size = body_size
+        self.record_body = record_body
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.made_usec, self.log_id, self.log_number, self.log_writer, self.record_kind, self.body_size, self.record_body[0], self.record_body[1], self.record_body[2], self.record_body[3], self.record_body[4], self.record_body[5], self.record_body[6], self.record_body[7], self.record_body[8], self.record_body[9], self.record_body[10], self.record_body[11], self.record_body[12], self.record_body[13], self.record_body[14], self.record_body[15], self.record_body[16], self.record_body[17], self.record_body[18], self.record_body[19], self.record_body[20], self.record_body[21], self.record_body[22], self.record_body[23], self.record_body[24], self.record_body[25], self.record_body[26], self.record_body[27], self.record_body[28], self.record_body[29], self.record_body[30], self.record_body[31], self.record_body[32], self.record_body[33], self.record_body[34], self.record_body[35], self.record_body[36], self.record_body[37], self.record_body[38], self.record_body[39], self.record_body[40], self.record_body[41], self.record_body[42], self.record_body[43], self.record_body[44], self.record_body[45], self.record_body[46], self.record_body[47], self.record_body[48], self.record_body[49], self.record_body[50], self.record_body[51], self.record_body[52], self.record_body[53], self.record_body[54], self.record_body[55], self.record_body[56], self.record_body[57], self.record_body[58], self.record_body[59], self.record_body[60], self.record_body[61], self.record_body[62], self.record_body[63], self.record_body[64], self.record_body[65], self.record_body[66], self.record_body[67], self.record_body[68], self.record_body[69], self.record_body[70], self.record_body[71], self.record_body[72], self.record_body[73], self.record_body[74], self.record_body[75], self.record_body[76], self.record_body[77], self.record_body[78], self.record_body[79], self.record_body[80], self.record_body[81], self.record_body[82], self.record_body[83], self.record_body[84], self.record_body[85], self.record_body[86], self.record_body[87], self.record_body[88], self.record_body[89], self.record_body[90], self.record_body[91], self.record_body[92], self.record_body[93], self.record_body[94], self.record_body[95], self.record_body[96], self.record_body[97], self.record_body[98], self.record_body[99], self.record_body[100], self.record_body[101], self.record_body[102], self.record_body[103], self.record_body[104], self.record_body[105], self.record_body[106], self.record_body[107], self.record_body[108], self.record_body[109], self.record_body[110], self.record_body[111], self.record_body[112], self.record_body[113], self.record_body[114], self.record_body[115], self.record_body[116], self.record_body[117], self.record_body[118], self.record_body[119], self.record_body[120], self.record_body[121], self.record_body[122], self.record_body[123], self.record_body[124], self.record_body[125], self.record_body[126], self.record_body[127], self.record_body[128], self.record_body[129], self.record_body[130], self.record_body[131], self.record_body[132], self.record_body[133], self.record_body[134], self.record_body[135], self.record_body[136], self.record_body[137], self.record_body[138], self.record_body[139], self.record_body[140], self.record_body[141], self.record_body[142], self.record_body[143], self.record_body[144], self.record_body[145], self.record_body[146], self.record_body[147], self.record_body[148], self.record_body[149], self.record_body[150], self.record_body[151], self.record_body[152], self.record_body[153], self.record_body[154], self.record_body[155], self.record_body[156], self.record_body[157], self.record_body[158], self.record_body[159], self.record_body[160], self.record_body[161], self.record_body[162], self.record_body[163], self.record_body[164], self.record_body[165], self.record_body[166], self.record_body[167], self.record_body[168], self.record_body[169], self.record_body[170], self.record_body[171], self.record_body[172], self.record_body[173], self.record_body[174], self.record_body[175], self.record_body[176], self.record_body[177], self.record_body[178], self.record_body[179], self.record_body[180], self.record_body[181], self.record_body[182], self.record_body[183], self.record_body[184], self.record_body[185], self.record_body[186], self.record_body[187], self.record_body[188], self.record_body[189], self.record_body[190], self.record_body[191], self.record_body[192], self.record_body[193], self.record_body[194], self.record_body[195], self.record_body[196], self.record_body[197], self.record_body[198], self.record_body[199], self.record_body[200], self.record_body[201], self.record_body[202], self.record_body[203], self.record_body[204], self.record_body[205], self.record_body[206], self.record_body[207], self.record_body[208], self.record_body[209], self.record_body[210], self.record_body[211], self.record_body[212], self.record_body[213], self.record_body[214], self.record_body[215], self.record_body[216], self.record_body[217], self.record_body[218], self.record_body[219], self.record_body[220], self.record_body[221], self.record_body[222], self.record_body[223], self.record_body[224], self.record_body[225], self.record_body[226], self.record_body[227], self.record_body[228], self.record_body[229], self.record_body[230], self.record_body[231], self.record_body[232], self.record_body[233], self.record_body[234], self.record_body[235]), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_swarm_record_message, "name", mavlink_msg_deprecated_name_property())
+
+
 mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_HEARTBEAT: MAVLink_heartbeat_message,
     MAVLINK_MSG_ID_SYS_STATUS: MAVLink_sys_status_message,
@@ -3718,6 +3810,8 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_SWARM_RANGES: MAVLink_swarm_ranges_message,
     MAVLINK_MSG_ID_SWARM_RELATIVE: MAVLink_swarm_relative_message,
     MAVLINK_MSG_ID_SWARM_LIDAR_SCAN: MAVLink_swarm_lidar_scan_message,
+    MAVLINK_MSG_ID_SWARM_RECORD_VECTOR: MAVLink_swarm_record_vector_message,
+    MAVLINK_MSG_ID_SWARM_RECORD: MAVLink_swarm_record_message,
 }
 
 
@@ -5995,3 +6089,69 @@ class MAVLink(object):
 
         """
         self.send(self.swarm_lidar_scan_encode(time_usec, ray_time, first_bearing, bearing_step, ray_elevation, near_cm, far_cm, turn_number, ranges_mm), force_mavlink1=force_mavlink1)
+
+    def swarm_record_vector_encode(self, base_epoch: int, base_hops: int, node_flags: int, log_entries: Sequence[int]) -> MAVLink_swarm_record_vector_message:
+        """
+        The records that a vehicle or the base station has, log by log, and
+        what it knows to be at the base station: once a second, in as
+        many messages as there are logs to tell of. Neighbours send
+        what is missing.
+
+        base_epoch                : When the base station's file was made, UTC: what is acknowledged is in that file. A later one stands for all before it. 0: no base station was heard of. [s] (type:uint32_t)
+        base_hops                 : To the base station: 0 from itself, UINT8_MAX: it is not heard. (type:uint8_t)
+        node_flags                : 1: the sender is the base station. 2: it has no room for more records. (type:uint8_t)
+        log_entries               : Groups of 21 bytes, numbers low byte first: system id of the log's writer (0: no more groups); log id, 4 bytes; the number up to which nothing is missing, 3; the number at which the bitmap begins, 3; the highest number that the sender has, 3; the number up to which the base station has all, 3; bitmap, 4: bit k set, number (beginning + 1 + k) is there. (type:uint8_t)
+
+        """
+        return MAVLink_swarm_record_vector_message(base_epoch, base_hops, node_flags, log_entries)
+
+    def swarm_record_vector_send(self, base_epoch: int, base_hops: int, node_flags: int, log_entries: Sequence[int], force_mavlink1: bool = False) -> None:
+        """
+        The records that a vehicle or the base station has, log by log, and
+        what it knows to be at the base station: once a second, in as
+        many messages as there are logs to tell of. Neighbours send
+        what is missing.
+
+        base_epoch                : When the base station's file was made, UTC: what is acknowledged is in that file. A later one stands for all before it. 0: no base station was heard of. [s] (type:uint32_t)
+        base_hops                 : To the base station: 0 from itself, UINT8_MAX: it is not heard. (type:uint8_t)
+        node_flags                : 1: the sender is the base station. 2: it has no room for more records. (type:uint8_t)
+        log_entries               : Groups of 21 bytes, numbers low byte first: system id of the log's writer (0: no more groups); log id, 4 bytes; the number up to which nothing is missing, 3; the number at which the bitmap begins, 3; the highest number that the sender has, 3; the number up to which the base station has all, 3; bitmap, 4: bit k set, number (beginning + 1 + k) is there. (type:uint8_t)
+
+        """
+        self.send(self.swarm_record_vector_encode(base_epoch, base_hops, node_flags, log_entries), force_mavlink1=force_mavlink1)
+
+    def swarm_record_encode(self, made_usec: int, log_id: int, log_number: int, log_writer: int, record_kind: int, body_size: int, record_body: Sequence[int]) -> MAVLink_swarm_record_message:
+        """
+        One record of one vehicle's log, from its writer or passed on by
+        another vehicle. A frame carries it whole: there are no
+        fragments. Sent after the beacons, in the airtime that they
+        leave.
+
+        made_usec                 : When it was made, by its writer's clock. [us] (type:uint64_t)
+        log_id                    : Drawn when the writer's log was begun. (type:uint32_t)
+        log_number                : In that log: 1, 2, 3 and so on. (type:uint32_t)
+        log_writer                : System id of the vehicle that made it. (type:uint8_t)
+        record_kind               : 1: a stem. 2: the area seen. 3: of another sensor. (type:uint8_t)
+        body_size                 : Of the body. [bytes] (type:uint8_t)
+        record_body               : As its kind says, in CBOR (RFC 8949). (type:uint8_t)
+
+        """
+        return MAVLink_swarm_record_message(made_usec, log_id, log_number, log_writer, record_kind, body_size, record_body)
+
+    def swarm_record_send(self, made_usec: int, log_id: int, log_number: int, log_writer: int, record_kind: int, body_size: int, record_body: Sequence[int], force_mavlink1: bool = False) -> None:
+        """
+        One record of one vehicle's log, from its writer or passed on by
+        another vehicle. A frame carries it whole: there are no
+        fragments. Sent after the beacons, in the airtime that they
+        leave.
+
+        made_usec                 : When it was made, by its writer's clock. [us] (type:uint64_t)
+        log_id                    : Drawn when the writer's log was begun. (type:uint32_t)
+        log_number                : In that log: 1, 2, 3 and so on. (type:uint32_t)
+        log_writer                : System id of the vehicle that made it. (type:uint8_t)
+        record_kind               : 1: a stem. 2: the area seen. 3: of another sensor. (type:uint8_t)
+        body_size                 : Of the body. [bytes] (type:uint8_t)
+        record_body               : As its kind says, in CBOR (RFC 8949). (type:uint8_t)
+
+        """
+        self.send(self.swarm_record_encode(made_usec, log_id, log_number, log_writer, record_kind, body_size, record_body), force_mavlink1=force_mavlink1)

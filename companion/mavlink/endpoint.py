@@ -24,6 +24,7 @@ from companion.mavlink.codec import Codec
 from companion.mavlink.framing import texts, wire
 from companion.mavlink.framing.frames import Framing, Incoming, source
 from companion.mavlink.framing.signing import Gate
+from companion.mavlink.harvest import RecordLink
 from companion.mavlink.own_messages import encode_relative_report
 from companion.mavlink.relative import RELATIVE_ID, read_relative_report
 from companion.mavlink.sensor_inputs import SHARED, SensorInputs
@@ -63,6 +64,7 @@ class Outbox:
     peers: bytes
     said: list[Say]
     sensor: bytes  # a HEARTBEAT, by which a driver that waits for one learns this end's address
+    records: list[bytes]  # to the peers, each a datagram, after `peers`: a beacon is not lost with a record
 
     def __init__(
         self, autopilot: bytes = b"", peers: bytes = b"", said: list[Say] | None = None, sensor: bytes = b""
@@ -71,6 +73,7 @@ class Outbox:
         self.peers = peers
         self.said = [] if said is None else said
         self.sensor = sensor
+        self.records = []
 
 
 class Endpoint:
@@ -89,12 +92,13 @@ class Endpoint:
         sensor_streams: Mapping[str, bool] = DATAGRAMS,
         beacons: swarm_beacon.Reader | None = None,
         stages: StageFactory = FLIGHT_STAGES,
+        records: RecordLink | None = None,
     ) -> None:
         """ValueError when the mission has no origin or no such vehicle.
 
         `sensor_streams`: the links to its sensors' drivers by name, and whether bytes may break anywhere (serial).
         `beacons`: reads those of this mission, shared with other vehicles; by default its own.
-        `stages`: of its agent.
+        `stages`: of its agent. `records`: what it measures, of a mission that surveys.
         """
         if mission.origin is None:
             raise ValueError("the mission has no [origin]: a vehicle cannot tell where its d1 and d2 are")
@@ -107,6 +111,7 @@ class Endpoint:
         self.codec = Codec(vehicle_id, frame, start_ned_m=start, broadcasts_position=ranging is None)
         self._ranging = ranging is not None
         self._beacons = beacons or swarm_beacon.Reader(frame)
+        self.records = records
         self.autopilot_gate = Gate(takes_signed=True)  # by wire, or from a simulator
         self.peers_gate = Gate(takes_signed=False)  # by radio: a signature that is not read proves nothing
         self.sensors = SensorInputs(sensors, vehicle_id, sensor_streams)
@@ -123,7 +128,7 @@ class Endpoint:
         self._to_peers = wire.Sender(vehicle_id, COMPONENT)
         self._to_sensor = wire.Sender(vehicle_id, COMPONENT)
         self._text_id = 0  # of the last text said
-        self._to_say: list[Say] = []  # with the next tick; at most one
+        self._to_say: list[Say] = []  # with the next tick; at most a few
         self._versions_told: set[int] = set()  # vehicles of this swarm whose beacons are of another version
         self._heartbeat_s: float | None = None
         self._synced_s: float | None = None
@@ -175,9 +180,12 @@ class Endpoint:
 
     def from_peers(self, data: bytes, now_s: float) -> None:
         """A datagram of the swarm's radio, which arrives at `now_s`."""
-        found = False
         words: list[RelativeReport] = []
-        each = swarm_beacon.read_each(data, self._beacons.decode_frame, self._beside(words) if self._ranging else None)
+        records: list[bytes] = []
+        has_beside = self._ranging or self.records is not None
+        beside = self._beside(words, records, now_s) if has_beside else None
+        each = swarm_beacon.read_each(data, self._beacons.decode_frame, beside)
+        found = bool(records)
         for word in words:
             self.agent.receive(word, now_s)
         for sender, frame, decoded in each:
@@ -192,11 +200,14 @@ class Endpoint:
         if not found:
             self.datagrams_without_beacon += 1
 
-    def _beside(self, words: list[RelativeReport]) -> Callable[[bytes], bool]:
-        """Takes what comes with beacons."""
+    def _beside(self, words: list[RelativeReport], records: list[bytes], now_s: float) -> Callable[[bytes], bool]:
+        """Takes what comes with beacons; the frames of `records` are acted on as they come."""
 
         def collect_report(frame: bytes) -> bool:
-            word = read_relative_report(frame)
+            if self.records is not None and self.records.receive(frame, now_s):
+                records.append(frame)
+                return True
+            word = read_relative_report(frame) if self._ranging else None
             if word is None:
                 return False
             if source(frame)[1] == COMPONENT and self.peers_gate.admits(frame):
@@ -292,7 +303,14 @@ class Endpoint:
         self._reply(now_s, to_autopilot)
         out.autopilot = b"".join(to_autopilot)
         out.peers = b"".join(to_peers)
+        if self.records is not None:
+            self._send_records(self.records, now_s, out)
         return out
+
+    def _send_records(self, records: RecordLink, now_s: float, out: Outbox) -> None:
+        """Frames of records behind the beacons, and what is to be said of them with the next tick."""
+        out.records = [self._to_peers.frame(*frame) for frame in records.frames(now_s, len(out.peers))]
+        self._to_say += [Say(Severity.WARNING, line) for line in records.lines()]
 
     def hello(self) -> bytes:
         """A HEARTBEAT to send before the first tick, so that the other end learns this companion's address."""

@@ -17,6 +17,7 @@ from companion.shell.links import Link
 from mission.common.problems import printable
 
 COUNTERS_S = 10.0  # counters that grow are shown this often at most
+RECORDS_S = 60.0  # and how far the records are, which grow all the time
 MAX_TEXT_CHARS = 300
 NO_LINKS: Mapping[str, Link] = MappingProxyType({})
 
@@ -79,7 +80,7 @@ class ChangeLogger:
         self._losses = {source.NAME: 0 for source in endpoint.sensors.sources}  # times that a driver was lost
         self._fresh: dict[str, dict[int, bool]] = {}  # by the sensor's name: drivers heard -> whether fresh
         self._counters = self.counters()
-        self._counters_s = float("-inf")
+        self._counters_s = self._records_s = float("-inf")
 
     def log_changes(self, now_s: float, said: Sequence[Say]) -> None:
         """After each tick."""
@@ -98,6 +99,9 @@ class ChangeLogger:
         self.log_links(now_s)
         if now_s - self._counters_s >= COUNTERS_S:
             self._log_counters(now_s)
+        if now_s - self._records_s >= RECORDS_S:
+            self._records_s = now_s
+            self.log_records(now_s)
 
     def log_links(self, now_s: float | None) -> None:
         """Log links that came or went; also where there are no ticks."""
@@ -135,6 +139,11 @@ class ChangeLogger:
             found[f"bad frames of the {title}"] = endpoint.sensors.bad(name)
             found[f"errors of the {title}'s link"] = link.errors
         return found
+
+    def log_records(self, now_s: float | None) -> None:
+        """Log how far the records are, where the mission has any."""
+        if self._endpoint.records is not None:
+            self._log.line(now_s, summary(self._endpoint.records.counters()))
 
     def _log_leader(self, now_s: float) -> None:
         leader = self._status.leader or None

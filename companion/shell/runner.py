@@ -189,6 +189,8 @@ class Runner:
         out = self.endpoint.tick(now_s)
         if out.peers:
             self._peers.send(out.peers)
+        for datagram in out.records:
+            self._peers.send(datagram)
         if out.autopilot:
             self._autopilot.send(out.autopilot)
         for link in self._sensors.values() if out.sensor else ():

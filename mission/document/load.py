@@ -102,7 +102,7 @@ def dump_mission(mission: Mission, *, all_keys: bool = True) -> str:
         pairs = _pairs({key: value for key, value in table.items() if key not in arrays and key not in inner})
         long = {key: items for key, items in arrays.items() if len(items) > MANY}
         pairs += "".join(f"{key} = [\n{''.join(map(_row, items))}]\n" for key, items in long.items())
-        blocks += [f"[{name}]\n{pairs}"] if pairs else []
+        blocks += [f"[{name}]\n{pairs}"] if pairs or not table else []  # that it is there may be all that it says
         blocks += [f"[{name}.{key}]\n{_pairs(value)}" for key, value in inner.items() if value]
         blocks += [
             f"[[{name}.{key}]]\n{_pairs(item)}" for key, items in arrays.items() if key not in long for item in items

@@ -117,5 +117,7 @@ FORMS: Final = {
     FaultKind.PILOT: FaultForm(
         "a pilot takes the vehicle over by the mode switch, and keeps it", lasts=Lasts.NEVER, of_vehicle=True
     ),
-    FaultKind.DISK_FULL: FaultForm("the companion's computer can write nothing more; of companions that are processes"),
+    FaultKind.DISK_FULL: FaultForm(
+        "the companion's computer can write nothing more: no log, of companions that are processes, and no records"
+    ),
 }

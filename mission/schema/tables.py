@@ -254,6 +254,18 @@ class Radio(Table):
         ),
     ] = 10.0
 
+    bit_rate_kbps: Annotated[
+        Number | None,
+        Field(
+            ge=20.0,
+            le=1e6,
+            examples=[250.0],
+            description="Of the channel that all radios share: records are sent in what beacons leave of it. The "
+            "simulator's radio is then as slow. Optional: records take 1000 kbit/s to be there, and the simulator's "
+            "radio has no limit.",
+        ),
+    ] = None
+
     @field_validator("beacon_rate_hz")
     @classmethod
     def _whole_number_of_ticks(cls, rate_hz: float) -> float:
@@ -410,6 +422,10 @@ class Ranging(Table):
     ] = 10.0
 
 
+class SurveyTable(Table):
+    """Measurements that the swarm makes, and brings to the base station as records."""
+
+
 class MissionTables(Table):
     """All tables of a mission file, each valid by itself; mission.rules says what they must satisfy together."""
 
@@ -439,6 +455,13 @@ class MissionTables(Table):
         Field(
             description="Optional: every vehicle carries a radio that measures the distance to others. Needed where "
             "swarm.gnss leaves some without satellite positions, and not used elsewhere."
+        ),
+    ] = None
+    survey: Annotated[
+        SurveyTable | None,
+        Field(
+            description="Optional: every vehicle keeps records of what it measures, and passes them on to the base "
+            "station. Left out: none does."
         ),
     ] = None
     forest: Annotated[Forest, Field(description="What grows there, for the simulator.")] = Forest()

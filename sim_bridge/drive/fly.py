@@ -5,12 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from companion.core.model.states import SwarmPhase
+from companion.core.stages import StageFactory
 from companion.mavlink import dialect
 from companion.mavlink.beacon import Reader
 from mission.common.frames import LocalFrame, Vec3
@@ -24,6 +26,7 @@ from sim_bridge.drive.faults import ENDING, Faults, immune_of, keep_faults
 from sim_bridge.drive.garbage import collect_less
 from sim_bridge.drive.interrupts import no_more_interrupts
 from sim_bridge.drive.live.live import Live
+from sim_bridge.drive.lockstep.harvest import Harvest, describe_records
 from sim_bridge.drive.lockstep.lockstep import Companion, CompanionLostError, InProcess, Lockstep
 from sim_bridge.drive.lockstep.processes import Launcher, RadioSocket
 from sim_bridge.drive.operator import Operator, operator_order
@@ -56,11 +59,16 @@ class Flight:
         folder: Path | None,
         live: Live | None = None,
         start: Callable[[int], Companion] | None = None,
+        harvest: Harvest | None = None,
     ) -> None:
-        """`start`: another companion for a vehicle, for faults that restart one; None: one in this process."""
+        """`start`: another companion for a vehicle, for faults that restart one; None: one in this process.
+
+        `harvest`: the records, of a mission that surveys.
+        """
         self._start = start or (lambda vehicle_id: InProcess(mission, vehicle_id))
         self.mission = mission  # with what viewers of `live` have done by now
-        self.lockstep = Lockstep(world, companions)
+        self.harvest = harvest
+        self.lockstep = Lockstep(world, companions, harvest)
         self.recorder = Recorder()
         self.estimates = EstimateRecorder(mission)
         self.trace = Trace()
@@ -71,6 +79,7 @@ class Flight:
         self._operator = Operator(mission)
         self._lost: set[int] = set()
         self._full: frozenset[int] = frozenset()  # companions' disks
+        self._ended: str | None = None  # why the flight is over, though records may still be on their way
         self._unrecorded_s: float | None = None  # when the tick began that is still to be recorded
 
     @property
@@ -125,8 +134,12 @@ class Flight:
             self._unrecorded_s = None
 
     def finished(self) -> str | None:
-        """The reason why the flight is over, or None."""
-        return self.observer.finished(self.last)
+        """The reason why the flight is over, or None: before that, records on their way may arrive."""
+        if self._ended is None:
+            self._ended = self.observer.finished(self.last)
+        if self._ended is None or self.harvest is None or not self.lockstep.answering:
+            return self._ended
+        return self._ended if self.harvest.has_all(self.world.now_s) else None
 
     def phase(self) -> SwarmPhase:
         """As the acting leader announces it, else the furthest that anyone has."""
@@ -138,7 +151,8 @@ class Flight:
 
     def status(self, real_time_factor: float) -> Status:
         """A glance at the swarm."""
-        return self.observer.status(self.last, real_time_factor)
+        status = self.observer.status(self.last, real_time_factor)
+        return status if self.harvest is None else replace(status, records=str(self.harvest.base.progress))
 
     def intervene(self, fault: Mapping[str, Any]) -> None:
         """Let a fault begin with the next tick; `fault`: as in [[sim.faults]], without a time.
@@ -154,6 +168,14 @@ class Flight:
             companion.close()
         self.record()
         self.observer.close()
+
+    def tell_records(self) -> dict[str, Any]:
+        """Records made and delivered, said and as figures; none of a mission that does not survey."""
+        if self.harvest is None:
+            return {}
+        figures = self.harvest.figures(self.lockstep.companions)
+        self.events.extend((self.world.now_s, line) for line in describe_records(figures))
+        return figures
 
     def _apply(self, now_s: float) -> None:
         """Let the faults happen whose time has come."""
@@ -240,9 +262,10 @@ def fly(
         world = World(mission, make, links=LINKS, stand=stand)
         lost_early: list[CompanionLostError] = []
         companions: list[Companion] = []
+        harvest = _harvest(mission, world, folder, stack)
         if forks is None or folder is None:
             beacons = Reader(world.frame, remembers=BEACONS_REMEMBERED)
-            start: Callable[[int], Companion] = partial(InProcess, mission, beacons=beacons, stages=stages)
+            start: Callable[[int], Companion] = partial(_in_process, mission, beacons, stages, harvest)
             companions += [start(k) for k in world.vehicles]
         else:
             radio = RadioSocket()
@@ -253,14 +276,16 @@ def fly(
                 stack.callback(drivers.close)
             logs = folder / "companions"
             logs.mkdir()
-            links = Launcher(folder / MISSION_NAME, logs, radio, forks, programs, drivers, sensor)
+            links = Launcher(
+                folder / MISSION_NAME, logs, radio, forks, programs, drivers, sensor, _records_file(harvest)
+            )
             start = links.start_again
             companions += links.launch(
                 list(world.vehicles),
                 lost_early.append,
                 lambda count: progress.stage("starting companions", count, len(world.vehicles)),
             )
-        flight = Flight(mission, companions, world, folder, live, start)
+        flight = Flight(mission, companions, world, folder, live, start, harvest)
         stack.callback(flight.close)
         for error in lost_early:
             flight.lockstep.lost[error.vehicle_id] = error.why
@@ -272,6 +297,7 @@ def fly(
         except KeyboardInterrupt:
             ended = "interrupted"
         flown_s = time.perf_counter() - began_flying_s
+        records = flight.tell_records()
     if forks is not None and forks.failure is not None:
         flight.observer.tell_once(flight.world.now_s, loss(0, forks.failure))
     flight.show_events(progress)  # what happened since the last tick
@@ -293,7 +319,30 @@ def fly(
             stand=stand,
             estimates=flight.estimates.figures(),
             entrant=entrant.figures(),
+            records=records,
         )
+
+
+def _harvest(mission: Mission, world: World, folder: Path | None, stack: ExitStack) -> Harvest | None:
+    """The records, of a mission that surveys."""
+    if mission.survey is None:
+        return None
+    harvest = Harvest(mission, world.stand, world.radio, folder)
+    stack.callback(harvest.close)
+    return harvest
+
+
+def _records_file(harvest: Harvest | None) -> Callable[[int], Path | None]:
+    return (lambda _vehicle_id: None) if harvest is None else harvest.path
+
+
+def _in_process(
+    mission: Mission, beacons: Reader, stages: StageFactory, harvest: Harvest | None, vehicle_id: int
+) -> InProcess:
+    """A companion in this process, with the disk that its vehicle has."""
+    records = None if harvest is None else harvest.open(vehicle_id)
+    disk = None if harvest is None else harvest.disks[vehicle_id]
+    return InProcess(mission, vehicle_id, beacons=beacons, stages=stages, records=records, disk=disk)
 
 
 def _counted(make: AirframeFactory, total: int, progress: Progress) -> AirframeFactory:

@@ -53,10 +53,12 @@ def conclude(
     stand: Stand | None = None,
     estimates: EstimateFigures | ErrorFigures | None = None,
     entrant: Mapping[str, Any] = MappingProxyType({}),
+    records: Mapping[str, Any] = MappingProxyType({}),
 ) -> Outcome:
     """Measure the flight, and save figures and recording into its run folder, where it has one.
 
     `faults`, `end_s`: as for `verdict.judge`; `stand`: as for `measure`; `estimates`: of the vehicles, where recorded.
+    `records`: made and delivered, of a mission that surveys.
     `entrant`: what flew in place of ours, by the keys that metrics.json has of it. A verdict says so, and whether it
     rests on the estimates of external autopilots.
     What cannot be written (disk full) is named in the outcome.
@@ -67,6 +69,7 @@ def conclude(
     summary = {
         **metrics.as_dict(),
         **(estimates.as_dict() if estimates is not None else {}),
+        **records,
         "seed": mission.sim.seed,
         "ended": ended,
         "verdict": with_notes(verdict.text, by, entrant.get(run_folder.FLOWN_BY, "")),

@@ -29,14 +29,16 @@ class Status:
     separation_m: float | None
     links: int
     real_time_factor: float
+    records: str = ""  # of a mission that surveys: how far they are
 
     def __str__(self) -> str:
         leader = "-" if self.leader is None else str(self.leader)
         to_go = "-" if self.to_go_m is None else f"{self.to_go_m:.1f} m"
         apart = "-" if self.separation_m is None else f"{self.separation_m:.1f} m"
+        records = f"  {self.records}" if self.records else ""
         return (
             f"{self.time_s:7.1f} s  {self.phase:<9} leader {leader:<3} to go {to_go:<8} "
-            f"closest {apart:<7} links {self.links:<4} {self.real_time_factor:.0f}x"
+            f"closest {apart:<7} links {self.links:<4} {self.real_time_factor:.0f}x{records}"
         )
 
 

@@ -35,7 +35,7 @@ _ROWS = {
         "ranges of a vehicle are too long by BIAS and have so much more noise, m",
     ),
     FaultKind.PILOT: ("", "2@40", "a pilot takes a vehicle over, and keeps it"),
-    FaultKind.DISK_FULL: ("", "2@40", "a companion that is a process can write nothing more to its disk"),
+    FaultKind.DISK_FULL: ("", "2@40", "a companion can write nothing more to its disk"),
 }
 
 

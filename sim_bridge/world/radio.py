@@ -19,6 +19,8 @@ from mission.stand.stand import Stand
 from sim_bridge.trunk_attenuation import range_share
 
 QUEUE_LIMIT: Final = 1024  # frames under way to one receiver; the oldest are lost beyond
+OVERHEAD_BYTES: Final = 16  # of a frame on a slow channel: preamble, header, checksum of the radio's own
+WAIT_MAX_S: Final = 1.0  # for a busy channel; a frame that would wait longer is lost
 MAX_RECEIVERS: Final = 256
 
 
@@ -33,17 +35,22 @@ class Radio:
         delay_s: float,
         seed: int,
         share: Callable[[Vec3, Vec3], float] | None = None,
+        bit_rate_kbps: float | None = None,
     ) -> None:
         """`range_m`: of every radio until it is set; `loss`: 0..1, for each frame and receiver.
 
         `delay_s`: the mean; each frame and receiver draws its own, even over 0..2 delay_s.
         `share`: 0..1, of the range between two places (NED m) that what stands there leaves; None: all of it.
+        `bit_rate_kbps`: of the one channel that all share, wherever they are; None: a frame takes no time on the air.
         """
         self.cut_off: tuple[frozenset[int], ...] = ()  # groups of ids whose radios reach only one another
         self._ranges_m = [range_m] * MAX_RECEIVERS
         self._loss = loss
         self._delay_s = delay_s
         self._rng = np.random.default_rng([seed, 0x5AD10])
+        self._aside_rng = np.random.default_rng([seed, 0xA51DE])  # beacons are lost as without what is sent aside
+        self._bits_per_s = None if bit_rate_kbps is None else bit_rate_kbps * 1e3
+        self._free_s = 0.0  # when the channel is
         self._positions: dict[int, Vec3] = {}  # by rising id
         self._under_way: dict[int, list[tuple[float, int, bytes]]] = {}
         self._count = 0
@@ -63,12 +70,18 @@ class Radio:
         self._positions = dict(sorted(positions.items()))
         self._shares.clear()
 
-    def send(self, sender: int, frame: bytes, now_s: float) -> None:
-        """Broadcast one frame. KeyError when the sender has no place."""
+    def send(self, sender: int, frame: bytes, now_s: float, *, aside: bool = False) -> None:
+        """Broadcast one frame. KeyError when the sender has no place. `aside`: of other than beacons."""
         here = self._positions[sender]
+        rng = self._aside_rng if aside else self._rng
+        if self._bits_per_s is not None:
+            begin_s = max(now_s, self._free_s)
+            if begin_s - now_s > WAIT_MAX_S:
+                return
+            now_s = self._free_s = begin_s + (len(frame) + OVERHEAD_BYTES) * 8.0 / self._bits_per_s
         # One draw per possible receiver, so that one radio's place does not change what another loses.
-        losses = self._rng.random(MAX_RECEIVERS).tolist() if self._loss > 0.0 else None
-        delays_s = (self._rng.random(MAX_RECEIVERS) * (2.0 * self._delay_s)).tolist() if self._delay_s > 0.0 else None
+        losses = rng.random(MAX_RECEIVERS).tolist() if self._loss > 0.0 else None
+        delays_s = (rng.random(MAX_RECEIVERS) * (2.0 * self._delay_s)).tolist() if self._delay_s > 0.0 else None
         own_range_m = self._ranges_m[sender]
         for receiver, there in self._positions.items():  # written out: for each frame, every radio there is
             range_m = self._ranges_m[receiver]
@@ -137,4 +150,5 @@ def radio_of(mission: Mission, stand: Stand) -> Radio:
         delay_s=sim.radio_delay_s,
         seed=sim.seed,
         share=range_share(sim, stand),
+        bit_rate_kbps=mission.radio.bit_rate_kbps,
     )

@@ -29,6 +29,7 @@ from tests.bench.other_simulators import other_simulators
 from tests.bench.page import TABLE_HEAD, section, with_section
 from tests.bench.planted_defects import planted_defects
 from tests.bench.raw_scans import raw_scans
+from tests.bench.records import records
 from tests.bench.reelection import SMALL_MAH, TERM_S, watched
 from tests.bench.restarts import kills
 from tests.bench.robustness import ROBUSTNESS, robustness
@@ -89,6 +90,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "planted-defects": planted_defects,
         "tick": tick,
         "raw-scans": raw_scans,
+        "records": records,
         "robustness": partial(robustness, args.only, seeds=args.seeds, sizes=args.n, jobs=args.jobs),
     }
     unknown = [name for name in args.names if name not in benchmarks]
@@ -292,6 +294,7 @@ ABOUT = {
     "map": "what a live map costs its flight, and how fast its page draws",
     "tick": "where the time of a companion's tick goes",
     "raw-scans": "what a turn of each class of obstacle sensor costs the simulator and a companion",
+    "records": "records: how many reach the base station, how soon, and what beacons lose by it",
     "robustness": "kills, partitions, wrong estimates, late telemetry: does the swarm arrive (--only ...)",
     "planted-defects": "after how many flights sim-bridge search finds a defect that is put into a copy",
     "encounters": "two vehicles that do not hear each other meet: how near they come: see encounters --help",

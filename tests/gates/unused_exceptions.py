@@ -47,6 +47,9 @@ _.localise  # the same, of a study of localisation
 _.drift_mps  # of a fault: the numbers of its kind are read by the names in its row
 _.PARALLEL  # values of an enumeration that files give
 _.CANCELLED  # MAV_RESULT: an autopilot answers it
+_.STEM  # RecordKind: comes as a number
+_.TRACK
+_.PAYLOAD
 _.FENCE_ALT_MIN  # FENCE_TYPE: its bit is taken, or the next would be named wrongly
 
 # Figures: their tables are read by `fields` or `_fields`, never by one name.

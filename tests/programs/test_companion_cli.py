@@ -206,6 +206,37 @@ def test_a_missing_serial_device_is_named_and_waited_for(mission: Path, tmp_path
     os.close(far)
 
 
+def test_records_of_a_mission_that_does_not_survey_are_refused(mission: Path) -> None:
+    done = _run(mission, records="a.db")
+    assert done.returncode == 2
+    assert "has no [survey]" in done.stderr
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_a_mission_that_surveys_has_its_records_in_a_file(mission: Path, tmp_path: Path, given: bool) -> None:
+    mission.write_text(MISSION + "[survey]\n")
+    options = ["--autopilot", "udpout://127.0.0.1:9", "--peers", "udpout://127.0.0.1:9"]
+    options += ["--log", str(tmp_path / "flight.log")]
+    options += ["--records", str(tmp_path / "given.db")] if given else []
+    command = [sys.executable, "-m", "companion.cli", "run", "--mission", str(mission), "--id", "1", *options]
+    with subprocess.Popen(command) as process:
+        try:
+            while "nothing is armed" not in (log := _text(tmp_path / "flight.log")):
+                assert process.poll() is None
+            process.terminate()
+            assert process.wait(LIMIT_S) == 0
+        finally:
+            process.kill()
+    (file,) = tmp_path.glob("*.db")
+    assert file.name == "given.db" if given else file.name.startswith("records-1-")
+    assert f"records in {file}: 0 of 0 records delivered" in log
+    assert "records heard of 0, delivered 0, own ones lost 0" in _text(tmp_path / "flight.log")  # as it ends
+
+
+def _text(path: Path) -> str:
+    return path.read_text() if path.exists() else ""
+
+
 def test_a_serial_device_that_is_there_but_cannot_be_opened_is_refused(mission: Path, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     done = _run(mission, autopilot=f"serial://{tmp_path}/file:57600")

@@ -1,4 +1,4 @@
-"""SWARM_RANGES, SWARM_RELATIVE and SWARM_LIDAR_SCAN: the tables. What is measured, by radios, odometers and lidars."""
+"""Tables of what is measured, by radios, odometers and lidars, and of the records in which it reaches the base."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from companion.mavlink.schema.beacon import FURTHEST_M
 from companion.mavlink.schema.rows import Message, Value, field
 
 RAYS_MAX: Final = 112  # of a lidar in a message: 253 bytes of MAVLink's 255
+ENTRY_BYTES: Final = 21  # of a vector: vehicle, log, four numbers of three bytes, a bitmap of four
+ENTRIES_MAX: Final = 11  # in a message; more logs are more messages
+BODY_MAX: Final = 236  # bytes of a record: with it the message is 255, all that MAVLink carries in a frame
 HOW_TO: Final = "[fly with GNSS on the leader alone](../how-to/fly-gnss-denied.md)"
 
 RANGES: Final = Message(
@@ -164,5 +167,49 @@ LIDAR_SCAN: Final = Message(
             "Range along each ray. 0: not measured; UINT16_MAX, or beyond the greatest range: nothing there.",
             unit="mm",
         ),
+    ),
+)
+
+RECORD_VECTOR: Final = Message(
+    id=52104,
+    name="SWARM_RECORD_VECTOR",
+    meaning="The records that a vehicle or the base station has, log by log, and what it knows to be at the base "
+    "station: once a second, in as many messages as there are logs to tell of. Neighbours send what is missing.",
+    see="[collect records](../how-to/collect-records.md)",
+    fields=(
+        field(
+            "base_epoch",
+            "uint32_t",
+            "When the base station's file was made, UTC: what is acknowledged is in that file. A later one stands for "
+            "all before it. 0: no base station was heard of.",
+            unit="s",
+        ),
+        field("base_hops", "uint8_t", "To the base station: 0 from itself, UINT8_MAX: it is not heard."),
+        field("node_flags", "uint8_t", "1: the sender is the base station. 2: it has no room for more records."),
+        field(
+            "log_entries",
+            f"uint8_t[{ENTRIES_MAX * ENTRY_BYTES}]",
+            "Groups of 21 bytes, numbers low byte first: system id of the log's writer (0: no more groups); log id, 4 "
+            "bytes; the number up to which nothing is missing, 3; the number at which the bitmap begins, 3; the "
+            "highest number that the sender has, 3; the number up to which the base station has all, 3; bitmap, 4: bit "
+            "k set, number (beginning + 1 + k) is there.",
+        ),
+    ),
+)
+
+RECORD: Final = Message(
+    id=52105,
+    name="SWARM_RECORD",
+    meaning="One record of one vehicle's log, from its writer or passed on by another vehicle. A frame carries it "
+    "whole: there are no fragments. Sent after the beacons, in the airtime that they leave.",
+    see="[collect records](../how-to/collect-records.md)",
+    fields=(
+        field("made_usec", "uint64_t", "When it was made, by its writer's clock.", unit="us"),
+        field("log_id", "uint32_t", "Drawn when the writer's log was begun."),
+        field("log_number", "uint32_t", "In that log: 1, 2, 3 and so on.", least=1, most=(1 << 24) - 1),
+        field("log_writer", "uint8_t", "System id of the vehicle that made it.", least=1, most=250),
+        field("record_kind", "uint8_t", "1: a stem. 2: the area seen. 3: of another sensor.", least=1, most=3),
+        field("body_size", "uint8_t", "Of the body.", unit="bytes", most=BODY_MAX),
+        field("record_body", f"uint8_t[{BODY_MAX}]", "As its kind says, in CBOR (RFC 8949)."),
     ),
 )

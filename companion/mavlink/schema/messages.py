@@ -6,10 +6,10 @@ from typing import Final
 
 from companion.core.model.states import SwarmPhase
 from companion.mavlink.schema.beacon import BEACON, FASTEST_MPS, FURTHEST_M, VERSION
-from companion.mavlink.schema.measurements import LIDAR_SCAN, RANGES, RELATIVE
+from companion.mavlink.schema.measurements import LIDAR_SCAN, RANGES, RECORD, RECORD_VECTOR, RELATIVE
 from companion.mavlink.schema.rows import Enumeration, Message
 
-OWN: Final[tuple[Message, ...]] = (BEACON, RANGES, RELATIVE, LIDAR_SCAN)
+OWN: Final[tuple[Message, ...]] = (BEACON, RANGES, RELATIVE, LIDAR_SCAN, RECORD_VECTOR, RECORD)
 CONSTANTS: Final = {  # name in own_messages.py: value, reason
     "VERSION": (VERSION, "of what the fields of a beacon mean"),
     "FURTHEST_M": (FURTHEST_M, "beyond it a position, and"),

@@ -7,6 +7,7 @@ import signal
 import time
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 from companion.core.model.states import FlightState
 from companion.mavlink import dialect
@@ -23,6 +24,7 @@ from sim_bridge.drive.links.inbox import LateLine
 from sim_bridge.drive.links.ports import Address, Reader, bound_socket
 from sim_bridge.drive.live.live import ages_s
 from sim_bridge.drive.live.map import Map
+from sim_bridge.drive.lockstep.harvest import Harvest, describe_records
 from sim_bridge.drive.lockstep.processes import fill_disk, start_companion
 from sim_bridge.drive.operator import operator_order
 from sim_bridge.judge.estimate_errors import ErrorFigures, EstimateErrors
@@ -61,7 +63,11 @@ class ExternalFlight:
         self._autopilots = autopilots
         self._began_s = time.monotonic()
         radio_socket = stack.enter_context(bound_socket("the companions' radio", 0))
-        self._hub = RadioHub(radio_socket, autopilots.ids, self.radio, autopilots.positions, self.note)
+        self.harvest = None if mission.survey is None else Harvest(mission, stand, self.radio, folder)
+        if self.harvest is not None:
+            stack.callback(self.harvest.close)
+        ids, positions = autopilots.ids, autopilots.positions
+        self._hub = RadioHub(radio_socket, ids, self.radio, positions, self.note, self.harvest)
         autopilots.listener.listen(radio_socket, self._from_radio)
         autopilots.to_companion = self._to_companion
         self._sockets = {k: stack.enter_context(bound_socket(f"companion {k}", 0)) for k in autopilots.ids}
@@ -168,6 +174,15 @@ class ExternalFlight:
         if progress.due(self.now_s):
             progress.show(self.observer.status(self.last, 1.0))
 
+    def tell_records(self) -> dict[str, Any]:
+        """Records made and delivered, said and as figures; none of a mission that does not survey."""
+        if self.harvest is None:
+            return {}
+        figures = self.harvest.figures(self._running)
+        for line in describe_records(figures):
+            self.note(line)
+        return figures
+
     def errors(self) -> ErrorFigures:
         """Errors of the autopilots' estimates, and what rests on these."""
         by_truth = {k: told for k, told in self._autopilots.truths().items() if k in self._autopilots.by_truth}
@@ -258,6 +273,7 @@ class ExternalFlight:
             clock="monotonic",
             program=self.forks,
             sensor_ports=self._sensors.ports(vehicle_id),
+            records_file=None if self.harvest is None else self.harvest.path(vehicle_id),
         )
 
     def _start_again(self, vehicle_id: int) -> None:

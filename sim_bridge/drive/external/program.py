@@ -76,6 +76,7 @@ def fly_external(
         flight.note_left_behind()
         _land(flight, progress)
         keep_faults(flight.faults, flight.now_s, folder, progress)
+        records = flight.tell_records()
     if flight.forks.failure is not None:
         flight.observer.tell_once(flight.now_s, loss(0, flight.forks.failure))
     flight.show(progress)
@@ -91,6 +92,7 @@ def fly_external(
         end_s=end_s,
         stand=flight.stand,
         estimates=flight.errors(),
+        records=records,
     )
 
 

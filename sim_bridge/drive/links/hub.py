@@ -12,13 +12,21 @@ from companion.mavlink.endpoint import COMPONENT
 from companion.mavlink.framing.frames import frames
 from mission.common.frames import Vec3
 from sim_bridge.drive.links.ports import Address
+from sim_bridge.drive.links.radio_node import RadioNode
 from sim_bridge.drive.links.transmitter import Transmitter
 from sim_bridge.world.autopilot.protocols.links import Port
 from sim_bridge.world.radio import Radio
 
 COMPANION_ALIVE_S: Final = 0.5  # five beacons: one that is started again is let in when its forerunner is surely gone
 BEACONS_MAX_BYTES: Final = 60_000  # in one datagram
-SPOKEN = frozenset({dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_SWARM_BEACON})  # on the radio
+CARRIED = frozenset(  # to the other companions
+    {
+        dialect.MAVLINK_MSG_ID_SWARM_BEACON,
+        dialect.MAVLINK_MSG_ID_SWARM_RECORD,
+        dialect.MAVLINK_MSG_ID_SWARM_RECORD_VECTOR,
+    }
+)
+SPOKEN = CARRIED | {dialect.MAVLINK_MSG_ID_HEARTBEAT}  # on the radio
 
 Say = Callable[[str], None]
 
@@ -32,7 +40,7 @@ class _Speaker:
 class RadioGate:
     """Address of each vehicle's radio: the one that spoke first, while it lives. `now_s`: wall time.
 
-    A companion speaks with HEARTBEAT or SWARM_BEACON of its vehicle's id and component 191; the rest is ignored.
+    A companion speaks with messages of SPOKEN, of its vehicle's id and component 191; the rest is ignored.
     """
 
     def __init__(self, ids: Iterable[int], say: Say) -> None:
@@ -60,7 +68,7 @@ class RadioGate:
         return speaker is not None and now_s - speaker.heard_s <= COMPANION_ALIVE_S
 
     def admit_datagram(self, data: bytes, address: Address, now_s: float) -> tuple[int, bytes]:
-        """The vehicle that `address` speaks for (0: none), and its beacon frames in `data`, unmodified."""
+        """The vehicle that `address` speaks for (0: none), and its frames in `data` to be carried, unmodified."""
         beacons = []
         vehicle_id = 0
         for incoming in self._port.parse_datagram(data):
@@ -71,7 +79,7 @@ class RadioGate:
                 continue
             vehicle_id = system
             self._bind(system, address, now_s)
-            if incoming.message_id == dialect.MAVLINK_MSG_ID_SWARM_BEACON:
+            if incoming.message_id in CARRIED:
                 beacons.append(incoming.frame)
         return vehicle_id, b"".join(beacons)
 
@@ -118,8 +126,9 @@ class RadioHub:
         radio: Radio,
         positions: Callable[[], Mapping[int, Vec3]],
         say: Say,
+        base: RadioNode | None = None,
     ) -> None:
-        """`bound`: non-blocking; its owner closes it."""
+        """`bound`: non-blocking; its owner closes it. `base`: the base station, where it is in this process."""
         self.radio = radio
         self.transmitter = Transmitter(radio)
         self.gate = RadioGate(ids, say)
@@ -127,27 +136,38 @@ class RadioHub:
         self._ids = tuple(ids)
         self._bound = bound
         self._positions = positions
+        self._base = base
         self._placed: Mapping[int, Vec3] | None = None  # in this step
 
     def receive_datagram(self, data: bytes, address: Address, wall_s: float, now_s: float) -> None:
         """A datagram has come. `wall_s`: when, for the gate; `now_s`: the radio's own time."""
         vehicle_id, beacons = self.gate.admit_datagram(data, address, wall_s)
-        if beacons:
-            if self._placed is None:
-                self._placed = self._positions()
-                self.radio.place(self._placed)
-            if vehicle_id in self._placed:
-                self.transmitter.send(vehicle_id, beacons, now_s)
+        if beacons and vehicle_id in self._place_radios():
+            self.transmitter.send(vehicle_id, beacons, now_s)
 
     def deliver(self, now_s: float) -> None:
         """To each companion the beacons that have reached its vehicle; none while it has not spoken. At each step."""
         self._placed = None
+        if self._base is not None:
+            self._place_radios()
+            self._base.receive(self.radio.deliver(self._base.id, now_s), now_s)
+            for frame in self._base.tick(now_s):
+                self.radio.send(self._base.id, frame, now_s, aside=True)
         for vehicle_id in self._ids:
             beacons = self.radio.deliver(vehicle_id, now_s)
             address = self.gate.address_of(vehicle_id)
             if beacons and address:
                 for datagram in split(beacons, BEACONS_MAX_BYTES):
                     self._send(datagram, address)
+
+    def _place_radios(self) -> Mapping[int, Vec3]:
+        """Positions of all radios in this step."""
+        if self._placed is None:
+            self._placed = self._positions()
+            if self._base is not None:
+                self._placed = {**self._placed, self._base.id: self._base.pos_ned_m}
+            self.radio.place(self._placed)
+        return self._placed
 
     def _send(self, data: bytes, address: Address) -> None:
         try:

@@ -1,7 +1,7 @@
 """The companions' way on to the air: each beacon is decoded once, here; the radio only carries bytes.
 
 What goes with a beacon in a swarm that flies by ranges (SWARM_RELATIVE) comes in one datagram with it, and so it goes
-on the air: both arrive together or not at all.
+on the air: both arrive together or not at all. Records go on the air frame by frame, after the beacons.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from companion.core.model.beacon import RelativeReport
 from companion.mavlink.beacon import COMPONENT, WireBeacon, beacons
 from companion.mavlink.framing.frames import source
 from companion.mavlink.relative import read_relative_report
+from companion.records.frames import is_record_frame, read_record, read_vector
 from sim_bridge.world.radio import Radio
 
 
@@ -31,7 +32,14 @@ class Transmitter:
         sent = []
         words: list[tuple[bytes, RelativeReport]] = []
 
+        records: list[bytes] = []
+
         def collect_report(frame: bytes) -> bool:
+            if is_record_frame(frame):
+                is_valid = read_record(frame) is not None or read_vector(frame) is not None
+                if is_valid:
+                    records.append(frame)
+                return is_valid
             word = read_relative_report(frame)
             if word is not None:
                 words.append((frame, word))
@@ -54,4 +62,9 @@ class Transmitter:
             self._radio.send(sender, beside + frame, now_s)
             beside = b""
             sent.append(frame)
+        for frame in records:
+            if source(frame) == (sender, COMPONENT):
+                self._radio.send(sender, frame, now_s, aside=True)
+            else:
+                self.refused += 1
         return tuple(sent)

@@ -18,9 +18,11 @@ from typing import Protocol
 from companion.core.stages import FLIGHT_STAGES, StageFactory
 from companion.mavlink.beacon import Reader
 from companion.mavlink.endpoint import Endpoint
+from companion.mavlink.harvest import RecordLink
 from companion.sensors.table import sensors_of
 from mission.document.model import Mission
 from sim_bridge.drive.links.inbox import Inbox
+from sim_bridge.drive.links.radio_node import RadioNode
 from sim_bridge.drive.links.transmitter import Transmitter
 from sim_bridge.drive.ticks import world_tick
 from sim_bridge.judge.tick import Tick
@@ -60,6 +62,13 @@ class Companion(Protocol):
         """Let go of it; ends a process."""
 
 
+class RecordDisk(Protocol):
+    """The disk that one vehicle's records are written to."""
+
+    def fill(self, *, full: bool) -> None:
+        """Let nothing more be written there, or again."""
+
+
 class InProcess:
     """An agent in this process: byte buffers instead of sockets, the same codec."""
 
@@ -70,12 +79,17 @@ class InProcess:
         *,
         beacons: Reader | None = None,
         stages: StageFactory = FLIGHT_STAGES,
+        records: RecordLink | None = None,
+        disk: RecordDisk | None = None,
     ) -> None:
         """`beacons`: shared with the others of this process, which then decode each frame once.
 
-        `stages`: of its agent.
+        `stages`: of its agent. `records`: of a mission that surveys, on `disk`.
         """
-        self.endpoint = Endpoint(mission, vehicle_id, sensors=sensors_of(mission), beacons=beacons, stages=stages)
+        self.endpoint = Endpoint(
+            mission, vehicle_id, sensors=sensors_of(mission), beacons=beacons, stages=stages, records=records
+        )
+        self._disk = disk
         self.endpoint.agent.waive("all")  # as `--waive all` of a companion that is a process
         self._answer = (b"", b"")
 
@@ -91,7 +105,7 @@ class InProcess:
             self.endpoint.from_sensor(from_sensor, now_s)
         self.endpoint.from_autopilot(from_autopilot, now_s)
         out = self.endpoint.tick(now_s)
-        self._answer = (out.peers, out.autopilot)
+        self._answer = (out.peers + b"".join(out.records), out.autopilot)
 
     def receive(self) -> tuple[bytes, bytes]:
         """The agent's answer."""
@@ -101,7 +115,9 @@ class InProcess:
         """Nothing to end."""
 
     def fill_disk(self, *, full: bool) -> None:
-        """It writes to none."""
+        """It writes records alone."""
+        if self._disk is not None:
+            self._disk.fill(full=full)
 
     def close(self) -> None:
         """Nothing to end."""
@@ -113,8 +129,10 @@ class Lockstep:
     `last` is the Tick that was made last; before the first, how the world begins.
     """
 
-    def __init__(self, world: World, companions: Sequence[Companion]) -> None:
+    def __init__(self, world: World, companions: Sequence[Companion], base: RadioNode | None = None) -> None:
+        """`base`: the base station, of a mission that surveys."""
         self.world = world
+        self._base = base
         self.companions = {c.id: c for c in sorted(companions, key=lambda c: c.id)}
         self.lost: dict[int, str] = {}
         self.stopped: frozenset[int] = frozenset()  # of companions
@@ -156,14 +174,24 @@ class Lockstep:
             companion.send(beacons, telemetry, now_s, sensed)
         meanwhile()
         self.to_companion, self.from_companion, self.beacons = handed_out, {}, {}
-        self.world.radio.place(self.world.positions())
+        self._place_radios()
         for vehicle_id in self.world.vehicles:
             if vehicle_id in handed_out:
                 self._take_answer(self.companions[vehicle_id], now_s)
             # While the next companions still think: physics is most of this program's work.
             self.world.step_vehicle(vehicle_id, TICK_S)
+        if self._base is not None:
+            self._base.receive(self.world.radio.deliver(self._base.id, now_s), now_s)
+            for frame in self._base.tick(now_s):
+                self.world.radio.send(self._base.id, frame, now_s, aside=True)
         self.world.advance_clock(TICK_S)
         self.last = self._emit()
+
+    def _place_radios(self) -> None:
+        positions = self.world.positions()
+        if self._base is not None:
+            positions[self._base.id] = self._base.pos_ned_m
+        self.world.radio.place(positions)
 
     def _emit(self) -> Tick:
         return world_tick(

@@ -105,11 +105,14 @@ def start_companion(
     clock: str,
     program: Sequence[str] | ForkClient = PROGRAM,
     sensor_ports: Mapping[str, int] = MappingProxyType({}),
+    records_file: Path | None = None,
 ) -> Child:
     """`companion run` with its links on loopback; its stderr beside `log_file`. StartError, OSError.
 
     `program`: what to execute as `companion`, or where to fork it. `sensor_ports`: of sensors' drivers, by their names.
+    `records_file`: of a mission that surveys.
     """
+    records = () if records_file is None else ("--records", str(records_file))
     sensors = [("--sensor", f"{name}=udpout://{LOOPBACK}:{port}") for name, port in sensor_ports.items()]
     arguments = [
         *("run", "--mission", str(mission_file)),
@@ -119,6 +122,7 @@ def start_companion(
         *chain.from_iterable(sensors),
         *("--clock", clock, "--waive", "all"),
         *("--log", str(log_file)),
+        *records,
     ]
     error_file = log_file.with_suffix(".err")
     if isinstance(program, ForkClient):
@@ -147,8 +151,12 @@ class CompanionProcess:
         program: Sequence[str] | ForkClient,
         drivers: RadioSocket | None = None,
         sensor: str = "",
+        records_file: Path | None = None,
     ) -> None:
-        """`drivers`: where all its sensors' drivers send from, on the link of `sensor`; None: it has none."""
+        """`drivers`: where all its sensors' drivers send from, on the link of `sensor`; None: it has none.
+
+        `records_file`: of a mission that surveys.
+        """
         self._id = vehicle_id
         self._radio = radio
         self._drivers = drivers
@@ -169,6 +177,7 @@ class CompanionProcess:
             clock="vehicle",
             program=program,
             sensor_ports={} if drivers is None else {sensor: drivers.port},
+            records_file=records_file,
         )
 
     @property
@@ -239,7 +248,8 @@ class Launcher:
     """Starts companions, and tells each of its links.
 
     They are forked from `forks`; `programs`: what to execute as `companion` for an id that is in it; `drivers`: of
-    their sensors, where there are any, on the link of `sensor`.
+    their sensors, where there are any, on the link of `sensor`; `records_file`: of one vehicle, where the mission has
+    records, the same when its companion starts again.
     """
 
     mission_file: Path
@@ -249,6 +259,7 @@ class Launcher:
     programs: Mapping[int, Sequence[str]] = field(default_factory=dict)
     drivers: RadioSocket | None = None
     sensor: str = ""
+    records_file: Callable[[int], Path | None] = lambda _vehicle_id: None
 
     def launch(
         self,
@@ -293,7 +304,16 @@ class Launcher:
 
     def _start(self, vehicle_id: int, log_file: Path) -> CompanionProcess:
         program = self.programs.get(vehicle_id, self.forks)
-        return CompanionProcess(vehicle_id, self.mission_file, log_file, self.radio, program, self.drivers, self.sensor)
+        return CompanionProcess(
+            vehicle_id,
+            self.mission_file,
+            log_file,
+            self.radio,
+            program,
+            self.drivers,
+            self.sensor,
+            self.records_file(vehicle_id),
+        )
 
 
 def _bound_socket() -> socket.socket:

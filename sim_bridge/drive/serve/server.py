@@ -14,14 +14,18 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from companion.records.record import BASE_ID
 from mission.cli.main import EXIT_BAD_FILE
+from mission.common.frames import Vec3
 from sim_bridge.drive.links.hub import RadioHub, Say
 from sim_bridge.drive.links.ports import PORT_MAX, Address, Listener, Reader, bound_socket
+from sim_bridge.drive.lockstep.harvest import base_place
 from sim_bridge.drive.ticks import world_tick
 from sim_bridge.errors import StartError
 from sim_bridge.judge.tick import Tick
 from sim_bridge.world.autopilot import Link
 from sim_bridge.world.autopilot.protocols.links import Port
+from sim_bridge.world.radio import Radio
 from sim_bridge.world.world import Vehicle, World
 
 POLL_MAX_S = 0.1  # how late a signal, or a datagram, may be seen when steps are far apart
@@ -177,7 +181,7 @@ class Server:
     ) -> None:
         """`push`: a ground station, and `push_onboard`: by vehicle, a companion, that are sent to unasked."""
         self.world = world
-        self.hub = RadioHub(ports.radio, world.vehicles, world.radio, world.positions, say)
+        self.hub = RadioHub(ports.radio, *_radios(world), say)
         self.unsent = 0  # datagrams that the kernel did not take
         self._ports = ports
         self._ground = Clients((push,) if push else ())
@@ -296,3 +300,16 @@ class Server:
             bound.sendto(data, address)
         except OSError:  # a full buffer, or a closed port: UDP loses datagrams
             self.unsent += 1
+
+
+def _radios(world: World) -> tuple[tuple[int, ...], Radio, Callable[[], dict[int, Vec3]]]:
+    """Ids of the radios, what is between them, and where they are: of a mission that surveys with a base station's.
+
+    `companion base` may then speak as that, as companions do.
+    """
+    ids = tuple(world.vehicles)
+    if world.mission.survey is None:
+        return ids, world.radio, world.positions
+    place = base_place(world.mission, world.stand)
+    world.radio.set_range(BASE_ID, world.mission.radio.full_range_m)
+    return (*ids, BASE_ID), world.radio, lambda: {**world.positions(), BASE_ID: place}

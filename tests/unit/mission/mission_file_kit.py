@@ -34,6 +34,7 @@ position_uncertain = "return"
 transit_range_m = 30.0
 full_range_m = 55.0
 beacon_rate_hz = 10.0
+bit_rate_kbps = 250.0
 [separation]
 hard_m = 5.0
 soft_m = 10.0

@@ -118,6 +118,7 @@ def watched(
         codec=SimpleNamespace(dropped=0, other_versions=0),
         foreign_autopilots=frozenset(),
         sensors=SensorInputs((), 3, {}),
+        records=None,
         agent=Agent(mission(), 3),
     )
     link: Any = SimpleNamespace(up=True, errors=0)
@@ -275,3 +276,13 @@ def test_status_says_what_the_safety_filter_cuts_of_the_desired_velocity(
     own = Position((0.0, 0.0, -10.0), (0.0, 0.0, 0.0))
     endpoint.agent.setpoint = endpoint.agent.safety_filter.apply((30.0, 0.0, 0.0), surroundings(own), dt_s=9.0)
     assert watch.status_line().endswith(", setpoint cut by: speed limits 25.0 m/s")
+
+
+def test_how_far_the_records_are_is_logged_once_a_minute(watched: Watched) -> None:
+    counts = {"records heard of": 0}
+    endpoint, _, watch, lines = watched
+    endpoint.records = SimpleNamespace(counters=lambda: counts)
+    for now_s in range(70):
+        counts["records heard of"] = now_s
+        watch.log_changes(float(now_s), [])
+    assert [line for line in lines() if line.startswith("records")] == ["records heard of 0", "records heard of 60"]

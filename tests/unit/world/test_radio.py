@@ -279,3 +279,52 @@ def test_a_radio_that_moves_on_is_looked_at_anew() -> None:
     assert air.deliver(2, 0.0) == b""
     send(air, 1, FRAME, {1: (0.0, 0.0, -3.0), 2: (10.0, 1.0, -3.0)}, 0.1)
     assert air.deliver(2, 0.1) == FRAME
+
+
+# --- what goes aside, and a slow channel ---
+
+
+def test_beacons_are_lost_and_late_as_without_what_is_sent_aside() -> None:
+    def heard(with_records: bool) -> list[bytes]:
+        air = radio(loss=0.4, delay_s=0.1, seed=5)
+        air.place(CLOSE)
+        found = []
+        for k in range(100):
+            if with_records:
+                air.send(1, b"side", k / 10.0, aside=True)
+            air.send(1, numbered(k), k / 10.0)
+            found.append(air.deliver(2, k / 10.0))
+        return found
+
+    beacons = [b"".join(part for part in frames(data) if part != b"side") for data in heard(True)]
+    assert beacons == heard(False)
+
+
+def slow_radio(kbps: float) -> Radio:
+    air = Radio(range_m=30.0, loss=0.0, delay_s=0.0, seed=1, bit_rate_kbps=kbps)
+    air.place(CLOSE)
+    return air
+
+
+def test_a_frame_takes_its_time_on_a_slow_channel() -> None:
+    air = slow_radio(8.0)  # a byte a millisecond
+    air.send(1, bytes(84), 0.0)  # and 16 of the radio's own
+    assert air.deliver(2, 0.099) == b""
+    assert air.deliver(2, 0.1001) == bytes(84)
+
+
+def test_frames_of_all_wait_for_one_another_on_a_slow_channel() -> None:
+    air = slow_radio(8.0)
+    air.send(1, b"\1" * 84, 0.0)
+    air.send(2, b"\2" * 84, 0.0)
+    assert air.deliver(3, 0.15) == b"\1" * 84
+    assert air.deliver(3, 0.2001) == b"\2" * 84
+    air.send(1, b"\3" * 84, 1.0)  # it is free again
+    assert air.deliver(3, 1.1001) == b"\3" * 84
+
+
+def test_what_would_wait_too_long_for_a_busy_channel_is_lost() -> None:
+    air = slow_radio(8.0)
+    for _ in range(100):
+        air.send(1, bytes(84), 0.0)
+    assert len(air.deliver(2, 1000.0)) == 11 * 84

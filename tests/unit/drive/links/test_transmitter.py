@@ -13,6 +13,8 @@ from companion.mavlink.codec import Codec
 from companion.mavlink.framing import wire
 from companion.mavlink.own_messages import encode_relative_report
 from companion.mavlink.relative import RELATIVE_ID
+from companion.records.frames import RECORD_ID, encode_record
+from companion.records.record import Record, RecordKind
 from mission.common.frames import LocalFrame, Vec3, Wgs84
 from sim_bridge.drive.links.transmitter import Transmitter
 from sim_bridge.world.radio import Radio
@@ -117,3 +119,32 @@ def test_what_goes_with_no_beacon_is_not_sent() -> None:
     air, companions = on_air()
     assert companions.send(1, WORD, 0.0) == ()
     assert air.deliver(2, 0.0) == b""
+
+
+# --- records ---
+
+
+def record(sender: int, writer: int = 1) -> bytes:
+    payload = encode_record(Record(writer, 1, 1, RecordKind.STEM, 0.0, b"a stem"))
+    return wire.frame(RECORD_ID, payload, seq=0, system=sender, component=swarm_beacon.COMPONENT)
+
+
+def test_records_go_on_the_air_after_the_beacon_whoever_wrote_them() -> None:
+    air, companions = on_air()
+    sent = frame(1)
+    assert companions.send(1, record(1, writer=3) + sent, 0.0) == (sent,)
+    assert air.deliver(2, 0.0) == sent + record(1, writer=3)
+
+
+def test_a_record_sent_in_anothers_name_is_refused_and_goes_nowhere() -> None:
+    air, companions = on_air()
+    companions.send(1, record(2), 0.0)
+    assert companions.refused == 1
+    assert air.deliver(3, 0.0) == b""
+
+
+def test_a_damaged_record_goes_nowhere_and_hides_no_beacon() -> None:
+    air, companions = on_air()
+    sent = frame(1)
+    assert companions.send(1, record(1)[:-1] + b"?" + sent, 0.0) == (sent,)
+    assert air.deliver(2, 0.0) == sent

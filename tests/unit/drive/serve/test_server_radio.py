@@ -7,6 +7,10 @@ from collections.abc import Callable
 import pytest
 
 from companion.mavlink import dialect as mav
+from companion.mavlink.beacon import COMPONENT
+from companion.mavlink.framing import wire
+from companion.records.frames import RECORD_ID, VECTOR_ID, encode_record, encode_vector
+from companion.records.record import BASE_ID, Record, RecordKind, Vector
 from mission.document.model import Mission
 from sim_bridge.drive.links.hub import COMPANION_ALIVE_S, RadioGate
 from sim_bridge.drive.serve.server import Ports, Server
@@ -56,6 +60,49 @@ class TestRadio:
         two.send(heartbeat(2))
         turn(served)
         assert two.datagrams() == []
+
+
+class TestRecords:
+    def test_records_reach_the_others_behind_beacons(self, served: Server, join: Callable[[str], Peer]) -> None:
+        one, two = join("radio"), join("radio")
+        two.send(heartbeat(2))
+        one.send(beacon(1) + record(1))
+        turn(served)
+        assert two.datagrams() == [beacon(1) + record(1)]
+
+    def test_of_a_mission_that_surveys_the_base_station_speaks_too(
+        self, mission: Mission, ports: Ports, join: Callable[[str], Peer]
+    ) -> None:
+        surveys = Mission.model_validate({**mission.model_dump(by_alias=True), "survey": {}})
+        made = Server(World(surveys, lambda _f, place, _s: PointMass(place, 0.0), links=PROFILES), ports, say=ignore)
+        one, base = join("radio"), join("radio")
+        one.send(heartbeat(1))
+        base.send(vector(BASE_ID))
+        turn(made)
+        assert one.datagrams() == [vector(BASE_ID)]
+        one.send(record(1))
+        turn(made)
+        assert base.datagrams() == [record(1)]
+        made.close()
+
+    def test_elsewhere_nobody_speaks_as_the_base_station(self, served: Server, join: Callable[[str], Peer]) -> None:
+        one, base = join("radio"), join("radio")
+        one.send(heartbeat(1))
+        base.send(vector(BASE_ID))
+        turn(served)
+        assert one.datagrams() == []
+        assert served.hub.gate.refused == 1
+
+
+def record(sender: int) -> bytes:
+    payload = encode_record(Record(1, 5, 1, RecordKind.STEM, 0.0, b"a stem"))
+    return wire.frame(RECORD_ID, payload, seq=0, system=sender, component=COMPONENT)
+
+
+def vector(sender: int) -> bytes:
+    return wire.frame(
+        VECTOR_ID, encode_vector(Vector(1, 0, True, False, ())), seq=0, system=sender, component=COMPONENT
+    )
 
 
 class TestRadioGate:

@@ -60,6 +60,13 @@ def test_a_dump_loads_back_equal() -> None:
     assert parse_mission(dump_mission(parse_mission(FULL + STOPS))) == parse_mission(FULL + STOPS)
 
 
+def test_a_table_without_a_key_is_written_out_where_it_is_there() -> None:
+    surveys = parse_mission(FULL + STOPS + "[survey]\n")
+    assert surveys.survey is not None
+    assert parse_mission(dump_mission(surveys)) == surveys
+    assert parse_mission(FULL + STOPS).survey is None
+
+
 def test_the_largest_forest_that_a_mission_holds_is_written_out_within_its_limits() -> None:
     """Trees to 1 mm, and the longest of everything else."""
     ring = [
@@ -209,7 +216,7 @@ def test_more_trees_than_allowed_are_refused() -> None:
     tree = "{base_enu_m=[60,30],trunk_radius_m=1,height_m=9},"
     text = FULL.split("[forest]")[0] + "[forest]\ntrees = [" + tree * (MAX_TREES + 1) + "]\n"
     refused = only_problem(text)
-    assert (refused.line, refused.key) == (54, "forest.trees")
+    assert (refused.line, refused.key) == (55, "forest.trees")
     assert f"0 to {MAX_TREES}" in refused.message
 
 
@@ -257,7 +264,7 @@ def test_an_empty_file_is_told_every_key_that_it_needs() -> None:
         ("size = 3", "radio.size = 3: unknown key; did you mean swarm.size?"),
         (
             "zzz = 'x'",
-            'radio.zzz = "x": unknown key; allowed here: transit_range_m, full_range_m, beacon_rate_hz',
+            'radio.zzz = "x": unknown key; allowed here: transit_range_m, full_range_m, beacon_rate_hz, bit_rate_kbps',
         ),
     ],
 )

@@ -1,0 +1,1 @@
+"""The base station: hears the swarm's radio, stores its records, acknowledges them. station.py; command.py runs it."""

@@ -1,0 +1,139 @@
+"""`companion base`: the base station on a laptop, until it is stopped."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import select
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Final, TextIO
+
+from companion.base.station import BaseStation
+from companion.records.node import open_base
+from companion.records.store import StoreError
+from companion.shell.links import Link, LinkError, open_link
+from companion.shell.records import draw_log
+from companion.shell.runner import Stop
+from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
+from mission.common.problems import MissionError, printable
+from mission.document.load import load_mission
+from mission.document.model import Mission
+
+TICK_S: Final = 0.05
+READS_MAX: Final = 512  # datagrams before the next tick
+SHOWN_S: Final = 1.0  # between lines of progress, where they overwrite one another,
+LOGGED_S: Final = 10.0  # and where each stays
+GAPS_MAX: Final = 8  # logs whose missing numbers are named at the end
+
+
+def base(arguments: argparse.Namespace) -> int:
+    """Until SIGINT or SIGTERM; the exit code."""
+    with ExitStack() as opened:
+        try:
+            mission = _mission(arguments.mission)
+            records = open_base(mission, Path(arguments.records), draw_log, made_s=int(time.time()))
+            opened.callback(records.store.close)
+            link = open_link(arguments.listen, hears_all=True)
+            opened.callback(link.close)
+        except MissionError as error:
+            return _refused(EXIT_BAD_FILE, error)
+        except ValueError as error:
+            return _refused(EXIT_BAD_FILE, f"companion: {error}")
+        except StoreError as error:
+            return _refused(EXIT_ENVIRONMENT, f"companion: --records {printable(arguments.records)}: {error}")
+        except LinkError as error:
+            return _refused(EXIT_ENVIRONMENT, f"companion: --listen {error}")
+        station = BaseStation(records)
+        shown = Terminal(sys.stdout)
+        shown.line(
+            f"base station of {mission.name or 'unnamed'!r} on {arguments.listen}, records in {arguments.records}"
+        )
+        with Stop() as stop:
+            serve(station, link, stop, shown)
+        shown.line(str(station.progress))
+        for line in gaps(station):
+            shown.line(line)
+    return EXIT_DONE
+
+
+def serve(station: BaseStation, link: Link, stop: Stop, shown: Terminal) -> None:
+    """Hear and answer until `stop` has a reason."""
+    deadline_s = time.monotonic()
+    while not stop.reason:
+        select.select((link.fileno(), stop.fileno()), (), (), max(0.0, deadline_s - time.monotonic()))
+        now_s = time.monotonic()
+        for _ in range(READS_MAX):
+            data = link.recv()
+            if data is None:
+                break
+            station.receive(data, now_s)
+        if now_s < deadline_s:
+            continue
+        deadline_s = max(deadline_s + TICK_S, now_s)
+        for datagram in station.tick(now_s):
+            link.send(datagram)
+        for line in station.records.lines():
+            shown.line(line)
+        shown.progress(describe(station, now_s), now_s)
+
+
+def describe(station: BaseStation, now_s: float) -> str:
+    """The progress, and who is near, in a line."""
+    near = station.in_range(now_s)
+    vehicles = f"vehicles {', '.join(map(str, near))} in range" if near else "no vehicle in range"
+    return f"{station.progress}, {vehicles}"
+
+
+def gaps(station: BaseStation) -> list[str]:
+    """Records that somebody told of, and that never came."""
+    found = station.records.missing()
+    lines = []
+    for key, missing in list(found.items())[:GAPS_MAX]:
+        numbers = ", ".join(str(a) if a == b else f"{a} to {b}" for a, b in missing[:GAPS_MAX])
+        lines.append(f"missing of vehicle {key.vehicle_id}, log {key.log_id:08x}: {numbers}")
+    return lines
+
+
+class Terminal:
+    """Lines, and one of progress: in its place on a terminal, else from time to time."""
+
+    def __init__(self, out: TextIO) -> None:
+        self._out = out
+        self._overwrites = out.isatty()
+        self._shown = ""
+        self._shown_s = float("-inf")
+
+    def line(self, text: str) -> None:
+        """Print a line that stays."""
+        self._write(f"{self._cleared()}{printable(text, 300)}\n")
+        self._shown = ""
+
+    def progress(self, text: str, now_s: float) -> None:
+        """The newest progress, where it has changed."""
+        if text == self._shown or now_s - self._shown_s < (SHOWN_S if self._overwrites else LOGGED_S):
+            return
+        self._write(f"{self._cleared()}{text}" + ("" if self._overwrites else "\n"))
+        self._shown, self._shown_s = text, now_s
+
+    def _cleared(self) -> str:
+        return "\r\x1b[K" if self._overwrites else ""
+
+    def _write(self, text: str) -> None:
+        with contextlib.suppress(OSError):  # nobody reads it: records are stored all the same
+            self._out.write(text)
+            self._out.flush()
+
+
+def _mission(path: str) -> Mission:
+    mission = load_mission(path)
+    if mission.survey is None:
+        raise ValueError(f"{printable(path)} has no [survey]: its vehicles keep no records")
+    return mission
+
+
+def _refused(code: int, why: object) -> int:
+    print(why, file=sys.stderr)
+    return code

@@ -1,0 +1,82 @@
+"""SWARM_RECORD_VECTOR and SWARM_RECORD <-> their values. Bytes from outside never raise: what is wrong is None."""
+
+from __future__ import annotations
+
+from struct import Struct
+from typing import Final
+
+from companion.mavlink import dialect
+from companion.mavlink.framing.frames import payload_of
+from companion.mavlink.schema.measurements import ENTRIES_MAX, ENTRY_BYTES, RECORD, RECORD_VECTOR
+from companion.records.record import BITMAP, BODY_MAX, NUMBER_MAX, Entry, LogKey, Record, RecordKind, Vector
+
+VECTOR_ID: Final = dialect.MAVLINK_MSG_ID_SWARM_RECORD_VECTOR
+RECORD_ID: Final = dialect.MAVLINK_MSG_ID_SWARM_RECORD
+VEHICLE_MAX: Final = 250
+HOPS_UNKNOWN: Final = 255
+_VECTOR: Final = Struct("<" + "".join(row.code for row in RECORD_VECTOR.on_wire))
+_RECORD: Final = Struct("<" + "".join(row.code for row in RECORD.on_wire))
+_ENTRY: Final = Struct("<BI3s3s3s3sI")
+_VECTOR_BYTES: Final = VECTOR_ID.to_bytes(3, "little")
+_RECORD_BYTES: Final = RECORD_ID.to_bytes(3, "little")
+_VECTOR_EXTRA: Final = bytes([dialect.MAVLink_swarm_record_vector_message.crc_extra])
+_RECORD_EXTRA: Final = bytes([dialect.MAVLink_swarm_record_message.crc_extra])
+_BASE: Final = 1
+_FULL: Final = 2
+assert _ENTRY.size == ENTRY_BYTES
+
+
+def encode_record(record: Record) -> bytes:
+    """The payload of SWARM_RECORD, with its trailing zeros. struct.error when a number does not fit its field."""
+    made_us = round(record.made_s * 1e6)
+    head = (made_us, record.log_id, record.number, record.vehicle_id, record.kind, len(record.body))
+    return _RECORD.pack(*head, record.body)
+
+
+def encode_vector(vector: Vector) -> bytes:
+    """The payload of SWARM_RECORD_VECTOR, with its trailing zeros; of at most ENTRIES_MAX entries."""
+    flags = (_BASE if vector.is_base else 0) | (_FULL if vector.is_full else 0)
+    entries = b"".join(
+        _ENTRY.pack(*entry.key, *map(_three_bytes, (entry.upto, entry.window, entry.last, entry.acked)), entry.bits)
+        for entry in vector.entries[:ENTRIES_MAX]
+    )
+    return _VECTOR.pack(vector.base_epoch, vector.hops, flags, entries)
+
+
+def is_record_frame(frame: bytes) -> bool:
+    """A whole MAVLink 2 frame of one of these two messages, by its header alone."""
+    return frame[7:10] in (_VECTOR_BYTES, _RECORD_BYTES)
+
+
+def read_record(frame: bytes) -> Record | None:
+    """A whole frame -> the record in it; None: it is none, its checksum is wrong, or it makes no sense."""
+    payload = payload_of(frame, _RECORD_BYTES, _RECORD_EXTRA, _RECORD.size)
+    if payload is None:
+        return None
+    made_us, log_id, number, vehicle_id, kind, size, body = _RECORD.unpack(payload)
+    if not (1 <= vehicle_id <= VEHICLE_MAX and 1 <= number <= NUMBER_MAX and size <= BODY_MAX):
+        return None
+    if kind not in RecordKind._value2member_map_:
+        return None
+    return Record(vehicle_id, log_id, number, RecordKind(kind), made_us / 1e6, body[:size])
+
+
+def read_vector(frame: bytes) -> Vector | None:
+    """A whole frame -> the part of a vector in it; None as for `read_record`."""
+    payload = payload_of(frame, _VECTOR_BYTES, _VECTOR_EXTRA, _VECTOR.size)
+    if payload is None:
+        return None
+    epoch, hops, flags, packed = _VECTOR.unpack(payload)
+    entries: list[Entry] = []
+    for vehicle_id, log_id, *numbers, bits in _ENTRY.iter_unpack(packed):
+        if vehicle_id == 0:
+            break
+        upto, window, last, acked = (int.from_bytes(three, "little") for three in numbers)
+        if vehicle_id > VEHICLE_MAX or window < upto or window + BITMAP > NUMBER_MAX:
+            return None
+        entries.append(Entry(LogKey(vehicle_id, log_id), upto, window, last, acked, bits))
+    return Vector(epoch, hops, flags & _BASE != 0, flags & _FULL != 0, tuple(entries))
+
+
+def _three_bytes(number: int) -> bytes:
+    return number.to_bytes(3, "little")

@@ -1,0 +1,65 @@
+"""Opens the records of one node, as its mission has them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from companion.records.exchange import RecordExchange
+from companion.records.record import BASE_ID
+from companion.records.store import MEMORY, RecordStore, StoreError, open_store
+from companion.records.write_queue import DirectWriter, RecordWriter
+from mission.document.model import Mission
+
+BIT_RATE_KBPS: Final = 1000.0  # where the mission says nothing: the slowest that 802.11 broadcasts at
+
+
+def open_records(
+    mission: Mission,
+    me: int,
+    path: Path | None,
+    draw: Callable[[], int],
+    *,
+    writer: Callable[[RecordStore], RecordWriter] = DirectWriter,
+    is_synced: bool = True,
+) -> RecordExchange:
+    """A vehicle's (`me`: its id), of a mission that surveys. `path` None: in memory alone; `is_synced`: see the store.
+
+    So it is, and is said, where the file cannot be opened: a companion that starts again in flight must fly on.
+    """
+    said = ""
+    try:
+        if path is None:
+            store = RecordStore(MEMORY, me, draw)
+        else:
+            store, said = open_store(path, me, draw, is_synced=is_synced)
+    except StoreError as error:
+        store = RecordStore(MEMORY, me, draw)
+        said = f"{error}: in memory"
+    exchange = RecordExchange(store, writer(store), me, mission.swarm.size, bit_rate_kbps(mission))
+    if said:
+        exchange.note_line(f"records: {said}")
+    return exchange
+
+
+def open_base(
+    mission: Mission, path: Path | None, draw: Callable[[], int], *, made_s: int, is_synced: bool = True
+) -> RecordExchange:
+    """The base station's. `made_s`: UTC now, for a file that is new. StoreError where it cannot be opened."""
+    if path is None:
+        store, said = RecordStore(MEMORY, BASE_ID, draw), ""
+    else:
+        store, said = open_store(path, BASE_ID, draw, is_synced=is_synced)
+    epoch = store.made(made_s)
+    exchange = RecordExchange(
+        store, DirectWriter(store), BASE_ID, mission.swarm.size, bit_rate_kbps(mission), epoch=epoch
+    )
+    if said:
+        exchange.note_line(f"records: {said}")
+    return exchange
+
+
+def bit_rate_kbps(mission: Mission) -> float:
+    """Of the channel that all share."""
+    return BIT_RATE_KBPS if mission.radio.bit_rate_kbps is None else mission.radio.bit_rate_kbps

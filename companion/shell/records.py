@@ -1,0 +1,52 @@
+"""The file of a real vehicle's records, found and opened."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import secrets
+from contextlib import ExitStack
+from pathlib import Path
+
+from companion.records.exchange import RecordExchange
+from companion.records.node import open_records
+from companion.records.store import RecordStore
+from companion.records.write_queue import DirectWriter, RecordWriter
+from companion.shell.record_writer import ThreadedWriter
+from mission.document.model import Mission
+
+STATE = "STATE_DIRECTORY"  # systemd's, of a service
+
+
+def records_of(
+    mission: Mission, vehicle_id: int, path: Path, opened: ExitStack, *, beside_loop: bool
+) -> RecordExchange:
+    """This vehicle's records in `path`. `beside_loop`: written by a thread, else while the loop waits."""
+
+    def writer(store: RecordStore) -> RecordWriter:
+        opened.callback(store.close)
+        if not beside_loop:
+            return DirectWriter(store)
+        made = ThreadedWriter(store)
+        opened.callback(made.close)  # before the file
+        return made
+
+    return open_records(mission, vehicle_id, path, draw_log, writer=writer)
+
+
+def draw_log() -> int:
+    """A random uint32, for a log that is begun."""
+    return secrets.randbits(32)
+
+
+def records_path(given: str | None, log: str | None, mission: Mission, vehicle_id: int) -> Path:
+    """`given`, or a file of this vehicle and this mission beside the flight log, or where the service keeps its state.
+
+    Another name or origin is another file: records of two missions are not mixed.
+    """
+    if given is not None:
+        return Path(given)
+    frame = f"{mission.name}\n{mission.origin}".encode()
+    name = f"records-{vehicle_id}-{hashlib.sha256(frame).hexdigest()[:8]}.db"
+    folder = Path(log).parent if log is not None else Path(os.environ.get(STATE, "."))
+    return folder / name

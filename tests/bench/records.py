@@ -1,0 +1,236 @@
+"""Records: how many reach the base station and how soon, and what beacons lose by it on a slow radio.
+
+`python -m tests.bench records`. The deliveries are whole flights in lockstep, of point masses; the beacons' ages are
+those of the simulator's radio alone, with the companions' own exchange of records and beacons of their size.
+"""
+
+from __future__ import annotations
+
+import itertools
+import random
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from companion.mavlink.beacon import COMPONENT
+from companion.mavlink.endpoint import Endpoint
+from companion.mavlink.framing import wire
+from companion.mavlink.framing.frames import frames
+from companion.records.exchange import RecordExchange
+from companion.records.frames import is_record_frame
+from companion.records.record import BASE_ID, RecordKind
+from companion.records.store import MEMORY, RecordStore
+from companion.records.write_queue import DirectWriter
+from mission.document.model import Mission
+from sim_bridge.drive.fly import Flight
+from sim_bridge.world.radio import Radio
+from tests.bench.table import Row, spread
+from tests.flights import flown, short_mission
+
+SEEDS = (1, 2, 3, 4, 5)
+BEACON_BYTES = 118  # of the frame, n = 8, measured in flight
+BODY_BYTES = 120  # of a stem or less
+STEP_S = 0.001  # of the radio's time
+TICK_STEPS = 50
+RATE_KBPS = 250.0
+
+
+def records() -> Iterator[Row]:
+    """Deliveries, then ages."""
+    for loss in (0.0, 0.3):
+        flights = [Delivery.of(seed, loss=loss) for seed in SEEDS]
+        what = f"records, n = 8, one a second each, {loss:.0%} loss, 250 kbit/s, seeds 1-5"
+        yield from delivery_rows(what, flights)
+    faults: list[dict[str, Any]] = [
+        {"kind": "kill", "phase": "transit", "at_s": 3.0},
+        {"kind": "kill", "phase": "coverage", "at_s": 5.0},
+        {"kind": "partition", "vehicles": [6, 7, 8], "phase": "transit", "at_s": 2.0, "for_s": 60.0},
+        {"kind": "restart", "vehicles": [5], "phase": "transit", "at_s": 6.0, "for_s": 2.0},
+    ]
+    flights = [Delivery.of(seed, loss=0.3, faults=faults) for seed in SEEDS]
+    yield from delivery_rows("the same at 30 % with two leaders killed, a split of 60 s, a restart", flights)
+    for who, makers in (("two vehicles", (1, 2)), ("all eight", range(1, 9))):
+        for how, is_lockstep in (
+            ("ticks at any time, as on boards", False),
+            ("all ticks at once, as in lockstep", True),
+        ):
+            pairs = [
+                (
+                    age_p99_s(seed, makers=(), is_lockstep=is_lockstep),
+                    age_p99_s(seed, makers=makers, is_lockstep=is_lockstep),
+                )
+                for seed in SEEDS
+            ]
+            more = [100.0 * (with_s / without_s - 1.0) for without_s, with_s in pairs]
+            without, with_them = ([1e3 * pair[at] for pair in pairs] for at in (0, 1))
+            seen = f"{spread(without, ' ms')} without, {spread(with_them, ' ms')} with: {spread(more, ' %')} more"
+            what = f"beacons' p99 age, n = 8, 250 kbit/s, {who} with records without end, {how}"
+            yield Row(what, "<= 5 % more", seen, max(more) <= 5.0)
+
+
+# --- whole flights ---
+
+
+@dataclass(frozen=True, slots=True)
+class Delivery:
+    """Records of one flight."""
+
+    made: int
+    delivered: int
+    lost: int  # with vehicles that never came back: named by the flight
+    waiting: int
+    duplicates: int
+    last_s: float  # from the last record that was made to the last that came
+
+    @classmethod
+    def of(cls, seed: int, *, loss: float, faults: list[dict[str, Any]] | None = None) -> Delivery:
+        """Fly 40 m and back, a record a second of each vehicle in the air."""
+        mission = surveying(seed, loss=loss, faults=faults or [])
+        maker = Maker()
+        with tempfile.TemporaryDirectory() as folder:
+            outcome, _ = flown(mission, Path(folder), watch=maker)
+            bodies = maker.at_base()
+        figures = outcome.summary
+        return cls(
+            figures["records_made"],
+            figures["records_delivered"],
+            sum(figures["records_lost"].values()),
+            sum(figures["records_waiting"].values()),
+            len(bodies) - len(set(bodies)),
+            max(0.0, maker.delivered_s - maker.made_s),
+        )
+
+
+def delivery_rows(what: str, flights: list[Delivery]) -> Iterator[Row]:
+    """Each record is delivered, or named as lost with its vehicle."""
+    made, delivered, lost = (sum(getattr(f, name) for f in flights) for name in ("made", "delivered", "lost"))
+    accounted = all(f.delivered + f.lost == f.made for f in flights)
+    share = f"{delivered} of {made} ({100.0 * delivered / made:.2f} %), {lost} named as lost with a vehicle"
+    yield Row(f"{what}: delivered", "all, or named as lost", share, accounted)
+    duplicates = sum(f.duplicates for f in flights)
+    yield Row("- duplicates", "0", f"{duplicates}", duplicates == 0)
+    yield Row("- the last one comes, after it was made", "told", spread([f.last_s for f in flights], " s"), True)
+
+
+def surveying(seed: int, *, loss: float, faults: list[dict[str, Any]], n: int = 8) -> Mission:
+    """A mission whose swarm comes back."""
+    mission = short_mission(
+        swarm={"size": n},
+        route={"at_end": "return"},
+        radio={"bit_rate_kbps": RATE_KBPS},
+        sim={"seed": seed, "radio_loss": loss, "faults": faults},
+    )
+    return Mission.model_validate({**mission.model_dump(by_alias=True), "survey": {}})
+
+
+class Maker:
+    """Appends a record a second to each companion whose vehicle flies; for `flown(watch=...)`."""
+
+    def __init__(self) -> None:
+        self.made_s = self.delivered_s = 0.0
+        self.lost: set[int] = set()  # vehicles without a companion
+        self._count = 0
+        self._ticks = 0
+        self._delivered = 0
+        self._bodies: list[bytes] = []
+
+    def __call__(self, flight: Flight) -> None:
+        """After a tick."""
+        self._ticks += 1
+        self.lost = set(flight.lockstep.lost)
+        now_s = flight.world.now_s
+        assert flight.harvest is not None
+        delivered = flight.harvest.base.progress.delivered
+        if delivered != self._delivered:
+            self._delivered, self.delivered_s = delivered, now_s
+            self._bodies = [body for _, _, _, body in flight.harvest.base.records.store.records(RecordKind.STEM)]
+        if self._ticks % 20:
+            return
+        for vehicle_id, companion in flight.lockstep.companions.items():
+            if not flight.world.vehicles[vehicle_id].airframe.state.on_ground:
+                self._count += 1
+                self.made_s = now_s
+                log_of(companion).append(RecordKind.STEM, b"%d" % self._count + bytes(BODY_BYTES - 8), now_s)
+
+    def at_base(self) -> list[bytes]:
+        """Bodies at the base station; no two records have the same."""
+        return self._bodies
+
+
+def log_of(companion: Any) -> RecordExchange:
+    """The records of a companion in this process."""
+    endpoint: Endpoint = companion.endpoint
+    records = endpoint.records
+    assert isinstance(records, RecordExchange)
+    return records
+
+
+# --- the radio alone ---
+
+
+def age_p99_s(seed: int, *, makers: Any, is_lockstep: bool, for_s: float = 60.0, n: int = 8) -> float:
+    """p99 of the age of what each vehicle knows of each other by beacons, n vehicles in range of all and of the base.
+
+    `makers`: vehicles that always have records to send; none: there are no records at all. After the first 10 s.
+    """
+    rng = random.Random(seed)
+    radio = Radio(range_m=100.0, loss=0.0, delay_s=0.0, seed=seed, bit_rate_kbps=RATE_KBPS)
+    ids = [*range(1, n + 1), BASE_ID]
+    radio.place({me: (float(me), 0.0, 0.0) for me in ids})
+    logs = itertools.count(1)
+    nodes = {me: _exchange(me, n, logs.__next__) for me in ids} if makers else {}
+    senders = {me: wire.Sender(me, COMPONENT) for me in ids}
+    phase = {me: 0 if is_lockstep else rng.randrange(TICK_STEPS) for me in ids}
+    beacon_phase = {me: 0 if is_lockstep else rng.randrange(2) for me in ids}
+    sent = np.full((BASE_ID + 1, BASE_ID + 1), -1)  # by receiver and sender: step at which what was heard was sent
+    ages = np.zeros(1000, dtype=int)  # how often each age, in steps
+    for step in range(round(for_s / STEP_S)):
+        now_s = step * STEP_S
+        for me in ids:
+            if step % TICK_STEPS != phase[me]:
+                continue
+            has_beacon = me != BASE_ID and (step // TICK_STEPS) % 2 == beacon_phase[me]
+            if has_beacon:
+                radio.send(me, _beacon(me, step), now_s)
+            for frame in _record_frames(nodes, me, makers, now_s, BEACON_BYTES * has_beacon):
+                radio.send(me, senders[me].frame(*frame), now_s, aside=True)
+        for me in ids:
+            for frame in _split(radio.deliver(me, now_s)):
+                if is_record_frame(frame):
+                    nodes[me].receive(frame, now_s)
+                elif me != BASE_ID:
+                    sent[me, frame[5]] = int.from_bytes(frame[10:14], "little")
+        if now_s > 10.0:
+            known = sent[1 : n + 1, 1 : n + 1]
+            ages += np.bincount(step - known[known >= 0], minlength=ages.size)
+    share = np.cumsum(ages) / ages.sum()
+    return float(np.searchsorted(share, 0.99)) * STEP_S
+
+
+def _exchange(me: int, members: int, draw: Callable[[], int]) -> RecordExchange:
+    store = RecordStore(MEMORY, me, draw)
+    return RecordExchange(store, DirectWriter(store), me, members, RATE_KBPS, epoch=1)
+
+
+def _record_frames(
+    nodes: dict[int, RecordExchange], me: int, makers: Any, now_s: float, beacon_bytes: int
+) -> list[tuple[int, bytes]]:
+    if me not in nodes:
+        return []
+    if me in makers:
+        nodes[me].append(RecordKind.STEM, bytes([me]) * BODY_BYTES, now_s)
+    return nodes[me].frames(now_s, beacon_bytes)
+
+
+def _beacon(me: int, step: int) -> bytes:
+    """A frame as long as a beacon, with the time in it."""
+    body = step.to_bytes(4, "little").ljust(BEACON_BYTES - 12, b"\1")
+    return bytes((0xFD, len(body), 0, 0, 0, me, COMPONENT, 1, 0, 0)) + body + b"\0\0"
+
+
+def _split(data: bytes) -> list[bytes]:
+    return [data[start:end] for start, end, _ in frames(data)]

@@ -1,0 +1,152 @@
+"""`companion base` as a program: records in, a vector out, and what it says."""
+
+from __future__ import annotations
+
+import select
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from companion.mavlink.beacon import COMPONENT
+from companion.mavlink.framing import wire
+from companion.records.exchange import RecordExchange
+from companion.records.record import BASE_ID, RecordKind
+from companion.records.store import MEMORY, RecordStore
+from companion.records.write_queue import DirectWriter
+from tests.programs.companion_kit import MISSION
+
+LIMIT_S = 60.0
+SURVEY = MISSION + "[survey]\n"
+
+
+class Vehicle:
+    """Vehicle 1's companion, at the other end of the base station's link."""
+
+    def __init__(self, port: int, *, log: int = 9) -> None:
+        store = RecordStore(MEMORY, 1, lambda: log)
+        self.records = RecordExchange(store, DirectWriter(store), 1, 2, 1000.0)
+        self._sender = wire.Sender(1, COMPONENT)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.connect(("127.0.0.1", port))
+        self._now_s = 0.0
+
+    def run(self, is_done: str, process: subprocess.Popen[str]) -> None:
+        """Until its records say so of their progress; the base station is given time to answer, not the clock."""
+        for _ in range(20_000):
+            assert process.poll() is None
+            self._now_s += 0.05
+            for frame in self.records.frames(self._now_s, 0):
+                self._socket.send(self._sender.frame(*frame))
+            while select.select([self._socket], [], [], 0.005)[0]:
+                try:
+                    data = self._socket.recv(2000)
+                except ConnectionRefusedError:
+                    continue
+                self.records.receive(data, self._now_s)
+            if str(self.records.progress()) == is_done:
+                return
+        raise AssertionError(f"{self.records.progress()}, not {is_done}")
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
+        found.bind(("127.0.0.1", 0))
+        port: int = found.getsockname()[1]
+        return port
+
+
+def base(folder: Path, port: int) -> subprocess.Popen[str]:
+    (folder / "m.toml").write_text(SURVEY)
+    options = ["--listen", f"udpin://127.0.0.1:{port}", "--records", str(folder / "base.db")]
+    arguments = [sys.executable, "-m", "companion", "base", str(folder / "m.toml"), *options]
+    process = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline().startswith("base station of 'test' on udpin://127.0.0.1:")
+    return process
+
+
+def end(process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT) -> tuple[str, str]:
+    process.send_signal(number)
+    shown, errors = process.communicate(timeout=LIMIT_S)
+    assert errors == ""
+    return shown, errors
+
+
+def at_base(folder: Path) -> list[bytes]:
+    store = RecordStore(folder / "base.db", BASE_ID, lambda: 1)
+    found = [body for _, _, _, body in store.records(RecordKind.STEM)]
+    store.close()
+    return found
+
+
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
+def test_it_stores_what_it_hears_and_shows_how_far_it_is(tmp_path: Path, ending: signal.Signals) -> None:
+    port = free_port()
+    with base(tmp_path, port) as process:
+        vehicle = Vehicle(port)
+        for k in range(5):
+            vehicle.records.append(RecordKind.STEM, b"stem %d" % k, 0.0)
+        vehicle.run("5 of 5 records delivered", process)
+        vehicle.close()
+        shown, _ = end(process, ending)
+        assert process.returncode == 0
+    assert shown.splitlines()[-1] == "5 of 5 records delivered"
+    assert at_base(tmp_path) == [b"stem %d" % k for k in range(5)]
+
+
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGKILL])
+def test_a_restart_in_the_middle_leaves_no_gap_and_no_duplicate(tmp_path: Path, ending: signal.Signals) -> None:
+    port = free_port()
+    vehicle = Vehicle(port)
+    for turn in range(2):
+        for k in range(5):
+            vehicle.records.append(RecordKind.STEM, b"stem %d" % (5 * turn + k), 0.0)
+        with base(tmp_path, port) as process:
+            wanted = 5 * (turn + 1)
+            vehicle.run(f"{wanted} of {wanted} records delivered", process)
+            process.send_signal(ending)
+            process.communicate(timeout=LIMIT_S)
+    vehicle.close()
+    assert at_base(tmp_path) == [b"stem %d" % k for k in range(10)]
+
+
+def test_a_mission_that_does_not_survey_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "m.toml").write_text(MISSION)
+    options = ["--listen", f"udpin://127.0.0.1:{free_port()}", "--records", str(tmp_path / "base.db")]
+    done = subprocess.run(
+        [sys.executable, "-m", "companion", "base", str(tmp_path / "m.toml"), *options],
+        capture_output=True,
+        text=True,
+        timeout=LIMIT_S,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "has no [survey]" in done.stderr
+    assert not (tmp_path / "base.db").exists()
+
+
+@pytest.mark.parametrize(
+    ("records", "why"),
+    [("none/base.db", "unable to open database file"), ("of_vehicle.db", "holds the records of vehicle 3")],
+)
+def test_a_file_that_it_cannot_use_is_refused_by_name(tmp_path: Path, records: str, why: str) -> None:
+    (tmp_path / "m.toml").write_text(SURVEY)
+    RecordStore(tmp_path / "of_vehicle.db", 3, lambda: 1).close()
+    options = ["--listen", f"udpin://127.0.0.1:{free_port()}", "--records", str(tmp_path / records)]
+    done = subprocess.run(
+        [sys.executable, "-m", "companion", "base", str(tmp_path / "m.toml"), *options],
+        capture_output=True,
+        text=True,
+        timeout=LIMIT_S,
+        check=False,
+    )
+    assert done.returncode == 3
+    assert why in done.stderr
+    assert "--records" in done.stderr

@@ -1,0 +1,67 @@
+"""Bytes of the radio never raise, and never change what is stored."""
+
+from __future__ import annotations
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from companion.base.station import BaseStation
+from companion.mavlink.beacon import COMPONENT
+from companion.mavlink.framing import wire
+from companion.records.exchange import RecordExchange
+from companion.records.frames import RECORD_ID, VECTOR_ID
+from companion.records.record import BASE_ID, RecordKind
+from companion.records.store import MEMORY, RecordStore
+from companion.records.write_queue import DirectWriter
+
+
+def node(me: int) -> RecordExchange:
+    store = RecordStore(MEMORY, me, lambda: 7)
+    exchange = RecordExchange(store, DirectWriter(store), me, 3, 1000.0, epoch=1)
+    if me != BASE_ID:
+        exchange.append(RecordKind.STEM, b"mine", 0.0)
+    exchange.frames(0.0, 0)
+    return exchange
+
+
+payloads = st.tuples(
+    st.sampled_from((RECORD_ID, VECTOR_ID)),
+    st.one_of(
+        st.binary(min_size=255, max_size=255),
+        # near what is valid: a log that is there, small numbers
+        st.builds(
+            lambda head, rest: (head + rest).ljust(255, b"\0"),
+            st.binary(max_size=8),
+            st.lists(st.sampled_from((0, 1, 2, 3, 7, 255)), max_size=247).map(bytes),
+        ),
+    ),
+    st.sampled_from((0, 1, 2, 3, 4, 251, BASE_ID, 255)),
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(payloads, max_size=12))
+def test_any_valid_frames_leave_the_own_log_as_it_is(frames: list[tuple[int, bytes, int]]) -> None:
+    one = node(1)
+    base = BaseStation(node(BASE_ID))
+    for k, (message_id, payload, sender) in enumerate(frames):
+        size = 237 if message_id == VECTOR_ID else 255
+        frame = wire.frame(message_id, payload[:size], seq=k, system=sender, component=COMPONENT)
+        one.receive(frame, float(k))
+        one.frames(float(k), 0)
+        one.lines()
+        base.receive(frame, float(k))
+        base.tick(float(k))
+    own = [
+        body for vehicle_id, number, _, body in one.store.records(RecordKind.STEM) if vehicle_id == 1 and number == 1
+    ]
+    assert b"mine" in own
+    assert sum(one.acked.get(key, 0) for key in one.acked if key == one.store.own_log) <= 1
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.binary(max_size=600))
+def test_any_bytes_are_passed_over(data: bytes) -> None:
+    one = node(1)
+    one.receive(data, 0.0)
+    BaseStation(node(BASE_ID)).receive(data, 0.0)

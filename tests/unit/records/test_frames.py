@@ -1,0 +1,81 @@
+"""Records and vectors on the wire."""
+
+from __future__ import annotations
+
+import struct
+
+import pytest
+
+from companion.mavlink import dialect
+from companion.mavlink.beacon import COMPONENT
+from companion.mavlink.framing import wire
+from companion.records.frames import RECORD_ID, VECTOR_ID, encode_record, encode_vector, read_record, read_vector
+from companion.records.record import BODY_MAX, Entry, LogKey, Record, RecordKind, Vector
+
+RECORD = Record(3, 0xDEADBEEF, 70_000, RecordKind.TRACK, 12.345678, b"\x83\x01\x02\x00")
+ENTRY = Entry(LogKey(3, 0xDEADBEEF), 40, 72, 70_000, 38, 0x80000001)
+VECTOR = Vector(1_764_000_000, 2, False, True, (ENTRY, Entry(LogKey(7, 1), 0, 0, 0, 0, 0)))
+
+
+def framed(message_id: int, payload: bytes) -> bytes:
+    return wire.frame(message_id, payload, seq=0, system=3, component=COMPONENT)
+
+
+def test_a_record_comes_back_as_it_was_with_the_zeros_at_its_end() -> None:
+    assert read_record(framed(RECORD_ID, encode_record(RECORD))) == RECORD
+
+
+@pytest.mark.parametrize("size", [0, 1, BODY_MAX])
+def test_a_record_of_any_size_is_one_frame(size: int) -> None:
+    record = Record(250, 0, 1, RecordKind.STEM, 0.0, bytes(size))
+    frame = framed(RECORD_ID, encode_record(record))
+    assert len(frame) <= 267
+    assert read_record(frame) == record
+
+
+def test_a_vector_comes_back_as_it_was() -> None:
+    assert read_vector(framed(VECTOR_ID, encode_vector(VECTOR))) == VECTOR
+
+
+def test_pymavlink_reads_the_same_fields() -> None:
+    message = wire.fields(framed(RECORD_ID, encode_record(RECORD)))
+    assert (message.log_writer, message.log_number, message.record_kind) == (3, 70_000, RecordKind.TRACK)
+    assert bytes(message.record_body[: message.body_size]) == RECORD.body
+    message = wire.fields(framed(VECTOR_ID, encode_vector(VECTOR)))
+    assert (message.base_epoch, message.base_hops, message.node_flags) == (1_764_000_000, 2, 2)
+
+
+def test_a_wrong_checksum_or_another_message_is_none() -> None:
+    frame = bytearray(framed(RECORD_ID, encode_record(RECORD)))
+    frame[20] ^= 1
+    assert read_record(bytes(frame)) is None
+    assert read_record(framed(VECTOR_ID, encode_vector(VECTOR))) is None
+    assert read_vector(framed(RECORD_ID, encode_record(RECORD))) is None
+    assert read_record(framed(dialect.MAVLINK_MSG_ID_HEARTBEAT, b"\x01")) is None
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        (0, 1, 0, 3, 1, 0),  # no number
+        (0, 1, 1 << 24, 3, 1, 0),  # one beyond what a vector can tell
+        (0, 1, 1, 0, 1, 0),  # no writer
+        (0, 1, 1, 251, 1, 0),  # no vehicle's
+        (0, 1, 1, 3, 0, 0),  # no kind
+        (0, 1, 1, 3, 4, 0),  # an unknown one
+        (0, 1, 1, 3, 1, BODY_MAX + 1),  # longer than it is
+    ],
+)
+def test_a_record_that_makes_no_sense_is_none(fields: tuple[int, ...]) -> None:
+    payload = struct.pack("<QIIBBB236s", *fields, b"")
+    assert read_record(framed(RECORD_ID, payload)) is None
+
+
+@pytest.mark.parametrize(
+    ("vehicle_id", "upto", "window"),
+    [(251, 1, 1), (3, 5, 4), (3, 0, (1 << 24) - 1)],
+)
+def test_a_vector_that_makes_no_sense_is_none(vehicle_id: int, upto: int, window: int) -> None:
+    numbers = upto.to_bytes(3, "little") + window.to_bytes(3, "little") + bytes(6)
+    entry = struct.pack("<BI", vehicle_id, 1) + numbers + bytes(4)
+    assert read_vector(framed(VECTOR_ID, struct.pack("<IBB231s", 0, 0, 0, entry))) is None
