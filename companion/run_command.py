@@ -20,6 +20,7 @@ from companion.shell.links import Link, LinkError, open_link
 from companion.shell.runner import Runner, Stop
 from companion.shell.service import Service
 from companion.shell.urls import Scheme, Url
+from companion.survey.of_mission import survey_of
 from mission import __version__
 from mission.common.compiled import STATE
 from mission.common.problems import MissionError, printable
@@ -116,6 +117,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
         sensors=sensors_of(mission),
         autopilot_is_stream=arguments.autopilot.scheme is Scheme.SERIAL,
         sensor_streams={name: url.scheme is Scheme.SERIAL for name, url in urls.items()},
+        survey=survey_of(mission, arguments.id),
     )
     cleared = clearance(arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time())
     endpoint.agent.ground(cleared.grounded)

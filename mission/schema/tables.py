@@ -381,6 +381,35 @@ class Sensing(Table):
     ] = False
 
 
+class Survey(Table):
+    """Stems measured by every vehicle along its way, with a lidar that tells every ray."""
+
+    reach_m: Annotated[
+        Number,
+        Field(
+            ge=2.0,
+            le=20.0,
+            description="How near, level, a trunk must be for its rays to count: farther off too few hit it.",
+        ),
+    ] = 7.0
+    dbh_min_m: Annotated[
+        Number, Field(ge=0.03, le=1.0, description="Stems that are thinner at breast height (1.3 m) are not recorded.")
+    ] = 0.08
+    taper_cm_per_m: Annotated[
+        Number,
+        Field(
+            ge=0.0,
+            le=5.0,
+            description="By how much a stem gets thinner with height: what brings the diameter of a cut at another "
+            "height to breast height.",
+        ),
+    ] = 1.0
+    taper_sd_cm_per_m: Annotated[
+        Number,
+        Field(ge=0.0, le=5.0, description="Standard deviation of that between trees: part of such a diameter's error."),
+    ] = 0.4
+
+
 class Ranging(Table):
     """The range radio that every vehicle carries where not all have GNSS, and where they start."""
 
@@ -432,6 +461,13 @@ class MissionTables(Table):
         Field(
             description="Optional: every vehicle carries a radio that measures the distance to others. Needed where "
             "swarm.gnss leaves some without satellite positions, and not used elsewhere."
+        ),
+    ] = None
+    survey: Annotated[
+        Survey | None,
+        Field(
+            description="Optional: every vehicle measures the stems along its way (`sensing.sensor` must tell raw "
+            "scans) and keeps a record of each."
         ),
     ] = None
     forest: Annotated[Forest, Field(description="What grows there, for the simulator.")] = Forest()

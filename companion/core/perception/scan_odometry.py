@@ -18,7 +18,7 @@ from typing import Final, final
 
 from companion.core.model.events import Position
 from companion.core.perception.landmarks.stem_clusters import find_stems
-from companion.core.perception.landmarks.trunk_tracks import Sighting, TrunkTracks, chi2_of, turned_about
+from companion.core.perception.landmarks.trunk_tracks import Sighting, Trunk, TrunkTracks, chi2_of, turned_about
 from companion.core.perception.landmarks.wall_segments import find_walls, mark_walls
 from companion.core.perception.landmarks.wall_tracks import WallSighting, WallTracks
 from companion.core.perception.level_scan import LevelScan, ScanClass
@@ -84,6 +84,11 @@ class ScanOdometry:
         self._yaw_rad = 0.0
         self._missed = 0
         self._cov[15] = 0.0 if turns_with_yaw else FRAME_SD_RAD * FRAME_SD_RAD
+
+    @property
+    def trunks(self) -> Sequence[Trunk]:
+        """The tracked ones, as of the last scan."""
+        return self._tracks.trunks
 
     def is_corrected(self, now_s: float) -> bool:
         """Trunks or walls have corrected the pose lately."""

@@ -19,6 +19,7 @@ from companion.core.stages import FLIGHT_STAGES, StageFactory
 from companion.mavlink.beacon import Reader
 from companion.mavlink.endpoint import Endpoint
 from companion.sensors.table import sensors_of
+from companion.survey.of_mission import survey_of
 from mission.document.model import Mission
 from sim_bridge.drive.links.inbox import Inbox
 from sim_bridge.drive.links.transmitter import Transmitter
@@ -75,7 +76,10 @@ class InProcess:
 
         `stages`: of its agent.
         """
-        self.endpoint = Endpoint(mission, vehicle_id, sensors=sensors_of(mission), beacons=beacons, stages=stages)
+        survey = survey_of(mission, vehicle_id)
+        self.endpoint = Endpoint(
+            mission, vehicle_id, sensors=sensors_of(mission), beacons=beacons, stages=stages, survey=survey
+        )
         self.endpoint.agent.waive("all")  # as `--waive all` of a companion that is a process
         self._answer = (b"", b"")
 
