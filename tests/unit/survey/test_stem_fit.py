@@ -10,19 +10,18 @@ import numpy as np
 import pytest
 
 from companion.survey.stem_fit import StemFit
+from mission.schema.kinds import RawLidar
 from tests.unit.survey.survey_kit import LIDAR, fitted, passing, rays_at
 
 ROUND = 8  # seeds
 SIDES = [(3.0 * math.cos(a), 3.0 * math.sin(a)) for a in np.linspace(0.0, math.tau, 40, endpoint=False)]
 
 
-def diameters_off_m(**changes: object) -> np.ndarray:
+def diameters_off_m(radius: float = 0.12, lidar: RawLidar = LIDAR) -> np.ndarray:
     """Diameters less true, of some seeds."""
     off = []
     for seed in range(ROUND):
-        options = {"radius": 0.12, "eyes": passing(), **changes}
-        radius, eyes = options.pop("radius"), options.pop("eyes")
-        (fit,) = fitted(rays_at(lambda _: radius, eyes, np.random.default_rng(seed), **options))  # type: ignore
+        (fit,) = fitted(rays_at(lambda _: radius, passing(), np.random.default_rng(seed), lidar=lidar))
         assert fit is not None
         off.append(fit.diameter_m - 2.0 * radius)
     return np.array(off)
