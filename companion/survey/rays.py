@@ -15,7 +15,7 @@ from companion.core.perception.landmarks.scan_pose import ScanPose
 from companion.core.perception.landmarks.trunk_tracks import Trunk
 from companion.core.perception.level_scan import axes_ned
 from companion.survey.ground import Ground
-from companion.survey.stem_rays import StemRays
+from companion.survey.stem_rays import LEFT, RIGHT, StemRays
 from mission.common.frames import Vec3
 
 PIECES_MAX: Final = 512  # of one turn
@@ -31,6 +31,7 @@ GROUND_TURNS: Final = 10  # after so many the ground at a stem is found anew
 MARGIN_RAD: Final = 0.02  # of the window of bearings and of elevations
 UP_COSINE: Final = 0.6  # of the steepest layer, 52 degrees
 LEAST_AWAY_M: Final = 0.2
+EDGE_M: Final = 0.3  # a ray that went on by so much beside another passed the stem
 TURNS_KEPT: Final = 65536  # until their numbers begin anew: 1.8 hours
 
 
@@ -210,7 +211,8 @@ class RayCollector:
             off_n, off_e = hit_n - stem.north_m, hit_e - stem.east_m
             if off_n * off_n + off_e * off_e <= beside_m * beside_m:
                 turn = float(self._turns % TURNS_KEPT)
-                stem.add((hit_n, hit_e, up_m - down_m, eye_n, eye_e, up_m, range_m, turn), group.at_s + late_s)
+                edge = float(group.edge_of(scan, at))
+                stem.add((hit_n, hit_e, up_m - down_m, eye_n, eye_e, edge, range_m, turn), group.at_s + late_s)
 
     def _take_ground(self, group: _Group, scan: LidarScan) -> None:
         """Some rays of a steep piece."""
@@ -275,6 +277,14 @@ class _Group:
             ahead * x[1] + right * y[1] + down * z[1],
             ahead * x[2] + right * y[2] + down * z[2],
         )
+
+    def edge_of(self, scan: LidarScan, at: int) -> int:
+        """Sides, LEFT and RIGHT, on which the ray beside one was measured and went on: there the stem ends."""
+        beyond_m = scan.ranges_m[at] + EDGE_M
+        before = at > 0 and scan.ranges_m[at - 1] > beyond_m  # false for NaN
+        after = at + 1 < len(scan.ranges_m) and scan.ranges_m[at + 1] > beyond_m
+        left, right = (before, after) if self.step > 0.0 else (after, before)
+        return (LEFT if left else 0) + (RIGHT if right else 0)
 
     def seen_from(self, n: float, e: float, d: float) -> tuple[float, float]:
         """Bearing and elevation of a place in the body's axes."""

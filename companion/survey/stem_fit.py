@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.survey.stem_rays import COLUMNS
+from companion.survey.stem_rays import COLUMNS, LEFT, RIGHT
 from mission.schema.kinds import RawLidar
 
 Floats = NDArray[np.float64]
@@ -69,13 +69,18 @@ class Cloud:
         """
         rows = np.array(rays, dtype=np.float64).reshape(-1, COLUMNS)
         rows = rows[:: 1 + (len(rows) - 1) // RAYS_TAKEN]
-        self.north, self.east, up, self.eye_n, self.eye_e, _, along, self.scan = rows.T.copy()
+        self.north, self.east, up, self.eye_n, self.eye_e, edge, along, self.scan = rows.T.copy()
         self._aim()
         self.up = up - cut_up_m
         self.range_sd = lidar.range_sd_m * self.level / along
         self.beside_sd = YAW_SD_RAD * self.level
         self.half_beam_m = math.radians(lidar.beam_deg) / 2.0 * along
         self.taper = taper
+        # Rays beside which the next one, a step farther out, missed the stem: to their left (1.0) and right (-1.0)
+        left, right = np.flatnonzero(edge.astype(int) & LEFT), np.flatnonzero(edge.astype(int) & RIGHT)
+        self.edges = np.concatenate([left, right])
+        self.sides = np.concatenate([np.ones(len(left)), -np.ones(len(right))])
+        self.step_rad = math.radians(lidar.step_deg)
 
     def _aim(self) -> None:
         to_n, to_e = self.north - self.eye_n, self.east - self.eye_e
@@ -120,6 +125,7 @@ class Linear:
         axis_n, axis_e = north + lean_n * cloud.up - cloud.eye_n, east + lean_e * cloud.up - cloud.eye_e
         # How far the axis is to the right of a ray; half of a beam nearer, of what it met first
         aside = axis_e * cloud.way_n - axis_n * cloud.way_e
+        middle = aside
         aside = aside - np.clip(aside, -cloud.half_beam_m, cloud.half_beam_m)
         # The radius in the direction of the hit, which hardly differs from that of the point
         to_n, to_e = cloud.north - cloud.eye_n - axis_n, cloud.east - cloud.eye_e - axis_e
@@ -144,14 +150,30 @@ class Linear:
         ones = np.ones_like(self.off)
         outwards = [self.out_n, self.out_e, ones, self.out_n * cloud.up, self.out_e * cloud.up, twice_cos, twice_sin]
         slopes = -np.stack(outwards)
+        edge_slopes, edge_off, edge_weight = self._edges(cloud, middle, np.stack([twice_cos, twice_sin]))
         believed = 1.0 / np.array([LEAN_SD, LEAN_SD, ELLIPSE_SHARE * radius, ELLIPSE_SHARE * radius]) ** 2
-        self.normal = (slopes * self.weight) @ slopes.T / CORRELATED
+        self.normal = ((slopes * self.weight) @ slopes.T + (edge_slopes * edge_weight) @ edge_slopes.T) / CORRELATED
         self.normal[range(3, 7), range(3, 7)] += believed
-        self.gradient = slopes @ (self.off * self.weight) / CORRELATED
+        self.gradient = (slopes @ (self.off * self.weight) + edge_slopes @ (edge_off * edge_weight)) / CORRELATED
         self.gradient[3:] += believed * state[3:]
         self.cost = float(np.log1p(scaled2 / CAUCHY**2).sum())
         self.up = cloud.up
         self.bearing = np.arctan2(to_e, to_n)
+
+    def _edges(self, cloud: Cloud, aside: Floats, twice: Floats) -> tuple[Floats, Floats, Floats]:
+        """Slopes, residuals and weights of the stem's edges: each is between a ray that hit and the next, which missed.
+
+        Without them a circle may be too wide: hits alone do not say that there are none farther out.
+        """
+        at, side = cloud.edges, cloud.sides
+        step_m = cloud.step_rad * cloud.level[at]
+        off = side * aside[at] + 0.5 * step_m - cloud.half_beam_m[at] - self.round_m[at]
+        variance = step_m**2 / 12.0 + cloud.beside_sd[at] ** 2 + ROUGH_M**2
+        weight = 1.0 / ((1.0 + off**2 / (variance * CAUCHY**2)) * variance)
+        out_n, out_e = side * cloud.way_e[at], -side * cloud.way_n[at]
+        up = cloud.up[at]
+        outwards = [out_n, out_e, np.ones_like(off), out_n * up, out_e * up, twice[0, at], twice[1, at]]
+        return -np.stack(outwards), off, weight
 
 
 class Solution:

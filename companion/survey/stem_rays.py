@@ -7,6 +7,8 @@ from typing import Final, final
 
 RAYS_MAX: Final = 1500  # of one stem: 8 columns of 4 bytes, 48 kB; thinned to half when they are reached
 COLUMNS: Final = 8
+LEFT: Final = 1
+RIGHT: Final = 2
 
 
 @final
@@ -38,7 +40,8 @@ class StemRays:
         self.to_mission_ne_m = (0.0, 0.0)  # to be added, as of the last ray
         self.frame_sd_m = 0.0
         self.ground_up_m: float | None = None  # of the ground at it, by rays
-        # Rows of COLUMNS: north, east, up of where a ray ended; its eye's north, east, up; metres along it; its turn
+        # Rows of COLUMNS: north, east, up of where a ray ended; its eye's north, east; LEFT and RIGHT where the ray beside
+        # it went on; metres along it; its turn
         self.rays: array[float] = array("f")
         self._every = 1  # of how many rays one is kept
         self._skipped = 0
