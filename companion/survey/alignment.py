@@ -21,7 +21,7 @@ from mission.schema.kinds import RawLidar
 SHIFT_SD_M: Final = 0.03  # priors of a scan's correction
 TURN_SD_RAD: Final = math.radians(0.8)
 LEAST_RAYS: Final = 8  # of a scan at all stems: with fewer its pose stays as it is
-ROUNDS: Final = 20  # of one step each: what is far off in both needs many, and few of the steps need more than one
+ROUNDS: Final = 10  # of one step each
 SCANS_MAX: Final = 1024  # whose corrections are remembered for the next window: 100 s, 0.2 MB
 NOTHING: Final = np.zeros(3)
 

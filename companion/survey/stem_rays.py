@@ -40,8 +40,8 @@ class StemRays:
         self.to_mission_ne_m = (0.0, 0.0)  # to be added, as of the last ray
         self.frame_sd_m = 0.0
         self.ground_up_m: float | None = None  # of the ground at it, by rays
-        # Rows of COLUMNS: north, east, up of where a ray ended; its eye's north, east; LEFT and RIGHT where the ray beside
-        # it went on; metres along it; its turn
+        # Rows of COLUMNS: north, east, up of where a ray ended; its eye's north, east; LEFT and RIGHT where the ray
+        # beside it went on; metres along it; its turn
         self.rays: array[float] = array("f")
         self._every = 1  # of how many rays one is kept
         self._skipped = 0

@@ -28,6 +28,7 @@ from sim_bridge.drive.lockstep.lockstep import Companion, CompanionLostError, In
 from sim_bridge.drive.lockstep.processes import Launcher, RadioSocket
 from sim_bridge.drive.operator import Operator, operator_order
 from sim_bridge.judge.estimate_recorder import EstimateRecorder
+from sim_bridge.judge.metrics.stems import measure_stems
 from sim_bridge.judge.observer import Observer
 from sim_bridge.judge.outcome import Outcome, conclude
 from sim_bridge.judge.progress import Progress, Status
@@ -260,6 +261,7 @@ def fly(
                 lost_early.append,
                 lambda count: progress.stage("starting companions", count, len(world.vehicles)),
             )
+        held = {one.id: one.held.records for one in companions if isinstance(one, InProcess)}
         flight = Flight(mission, companions, world, folder, live, start)
         stack.callback(flight.close)
         for error in lost_early:
@@ -292,6 +294,7 @@ def fly(
             faults=flight.faults.happened,
             stand=stand,
             estimates=flight.estimates.figures(),
+            stems=measure_stems(held, mission, stand) if in_process else None,
             entrant=entrant.figures(),
         )
 

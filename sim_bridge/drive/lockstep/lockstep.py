@@ -11,6 +11,7 @@ Telemetry may be late; the request is no telemetry and never is.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Protocol
@@ -27,6 +28,8 @@ from sim_bridge.drive.ticks import world_tick
 from sim_bridge.judge.tick import Tick
 from sim_bridge.world.autopilot import Link
 from sim_bridge.world.world import TICK_S, World
+
+HELD_MAX = 50_000  # records of one vehicle: hours
 
 
 class CompanionLostError(Exception):
@@ -61,6 +64,17 @@ class Companion(Protocol):
         """Let go of it; ends a process."""
 
 
+class HeldRecords:
+    """Records of one vehicle in memory, for what judges the flight: kind and body of each."""
+
+    def __init__(self) -> None:
+        self.records: deque[tuple[int, bytes]] = deque(maxlen=HELD_MAX)
+
+    def append(self, kind: int, body: bytes, now_s: float) -> None:  # noqa: ARG002 - as companion.mavlink has it
+        """A record."""
+        self.records.append((kind, body))
+
+
 class InProcess:
     """An agent in this process: byte buffers instead of sockets, the same codec."""
 
@@ -77,8 +91,15 @@ class InProcess:
         `stages`: of its agent.
         """
         survey = survey_of(mission, vehicle_id)
+        self.held = HeldRecords()
         self.endpoint = Endpoint(
-            mission, vehicle_id, sensors=sensors_of(mission), beacons=beacons, stages=stages, survey=survey
+            mission,
+            vehicle_id,
+            sensors=sensors_of(mission),
+            beacons=beacons,
+            stages=stages,
+            survey=survey,
+            records=None if survey is None else self.held,
         )
         self.endpoint.agent.waive("all")  # as `--waive all` of a companion that is a process
         self._answer = (b"", b"")
