@@ -48,4 +48,5 @@ def scan_pose_of(agent: Agent) -> ScanPose | None:
         frame_sd_m=frame_sd_m,
         airborne=agent.flight.vehicle.airborne,
         trunks=motion.odometry.trunks,
+        frame=motion.odometry.frame,
     )

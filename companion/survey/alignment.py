@@ -9,7 +9,8 @@ steps of a millisecond, so that a tick of the flight never waits for a whole fit
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -23,6 +24,7 @@ TURN_SD_RAD: Final = math.radians(0.8)
 LEAST_RAYS: Final = 8  # of a scan at all stems: with fewer its pose stays as it is
 ROUNDS: Final = 10  # of one step each
 SCANS_MAX: Final = 1024  # whose corrections are remembered for the next window: 100 s, 0.2 MB
+Frame = tuple[float, float, float]
 NOTHING: Final = np.zeros(3)
 
 
@@ -52,8 +54,15 @@ class JointFit:
         lidar: RawLidar,
         taper: float,
         corrections: ScanCorrections,
+        frames: Mapping[int, Frame] = MappingProxyType({}),
+        frame: Frame = (0.0, 0.0, 0.0),
     ) -> None:
-        """`stems`: each with the height of its cut, as its rays have heights; `taper`: as `stem_fit.Cloud`."""
+        """`stems`: each with the height of its cut, as its rays have heights; `taper`: as `stem_fit.Cloud`.
+
+        `frames`: of the odometry when a scan was placed, `frame`: now (`ScanOdometry.frame`).
+        """
+        self._frames: Final = frames
+        self._frame: Final = frame
         self._stems: Final = stems
         self._lidar: Final = lidar
         self._taper: Final = taper
@@ -66,6 +75,7 @@ class JointFit:
         for stem, cut_m in self._stems:
             cloud = Cloud(stem.rays, cut_m, self._lidar, self._taper)
             scans, index = np.unique(cloud.scan, return_inverse=True)
+            cloud.turn_frame(np.array([self._turned_since(int(scan)) for scan in scans])[index].T)
             cloud.move(self._corrections.of(scans)[index].T)
             self._clouds.append(cloud)
             self._solutions.append(cloud.begin((stem.north_m, stem.east_m, stem.radius_m)))
@@ -76,6 +86,13 @@ class JointFit:
             for k, cloud in enumerate(self._clouds):
                 self._solutions[k] = cloud.improve(self._solutions[k])
                 yield
+
+    def _turned_since(self, scan: int) -> Frame:
+        """How a scan's places are turned by now."""
+        then, now = self._frames.get(scan, self._frame), self._frame
+        turn = now[0] - then[0]
+        cos, sin = math.cos(turn), math.sin(turn)
+        return turn, now[1] - cos * then[1] + sin * then[2], now[2] - sin * then[1] - cos * then[2]
 
     def fit_of(self, k: int) -> StemFit | None:
         """The stem as fitted; None: no circle."""

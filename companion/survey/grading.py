@@ -23,7 +23,7 @@ class Gate(NamedTuple):
 
 # The first that a fit fails counts: the worse ones come first. Figures as `figures_of` has them, the more the worse.
 GATES: Final = (
-    Gate("few", 1.0 / 30.0, Grade.POOR, "few rays"),
+    Gate("few", 1.0 / 40.0, Grade.POOR, "few rays"),
     Gate("hidden", 1.0 - 0.25, Grade.POOR, "seen from one side"),
     Gate("inner", 0.10, Grade.POOR, "rays end within the stem"),
     Gate("rms", 0.035, Grade.POOR, "not round"),

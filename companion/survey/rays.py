@@ -32,6 +32,7 @@ MARGIN_RAD: Final = 0.02  # of the window of bearings and of elevations
 UP_COSINE: Final = 0.6  # of the steepest layer, 52 degrees
 LEAST_AWAY_M: Final = 0.2
 EDGE_M: Final = 0.3  # a ray that went on by so much beside another passed the stem
+FRAMES_MAX: Final = 1024  # scans: longer ago than any ray of a stem in sight
 TURNS_KEPT: Final = 65536  # until their numbers begin anew: 1.8 hours
 
 
@@ -63,7 +64,19 @@ class _Piece:
 class RayCollector:
     """One vehicle's. `integrate` with each piece, `take_passed` for the stems that have been passed."""
 
-    __slots__ = ("_band", "_ground_from_m", "_pieces", "_reach_m", "_stems", "_turn", "_turns", "ground", "lost")
+    __slots__ = (
+        "_band",
+        "_ground_from_m",
+        "_pieces",
+        "_reach_m",
+        "_stems",
+        "_turn",
+        "_turns",
+        "frame",
+        "frames",
+        "ground",
+        "lost",
+    )
 
     def __init__(self, band: Band, reach_m: float) -> None:
         """`reach_m`: level, from the lidar to a trunk's axis."""
@@ -74,6 +87,8 @@ class RayCollector:
         self._turn = (-1, -1)  # sensor and number of the one that is coming in
         self._turns = 0
         self.ground: Final = Ground()
+        self.frame: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of the odometry now, and as scans were placed
+        self.frames: Final[dict[int, tuple[float, float, float]]] = {}
         self.lost = 0  # pieces beyond PIECES_MAX
 
     def integrate(self, scan: LidarScan, pose: ScanPose, now_s: float) -> None:
@@ -81,7 +96,7 @@ class RayCollector:
         if (scan.sensor, scan.turn) != self._turn:
             self._place_turn(pose, now_s)
             self._turn = (scan.sensor, scan.turn)
-        if not pose.airborne:
+        if not pose.airborne or not _is_finite(scan, pose):
             return
         if len(self._pieces) >= PIECES_MAX:
             self.lost += 1
@@ -113,7 +128,10 @@ class RayCollector:
         if not pieces:
             return
         self._match_trunks(pose.trunks, pose, now_s)
-        self._turns += 1
+        self._turns = (self._turns + 1) % TURNS_KEPT
+        self.frame = self.frames[self._turns] = pose.frame
+        if len(self.frames) > FRAMES_MAX:
+            del self.frames[next(iter(self.frames))]
         group: _Group | None = None
         for piece in pieces:
             if group is None or not group.has(piece.scan):
@@ -210,7 +228,7 @@ class RayCollector:
             hit_n, hit_e = eye_n + w_n * range_m, eye_e + w_e * range_m
             off_n, off_e = hit_n - stem.north_m, hit_e - stem.east_m
             if off_n * off_n + off_e * off_e <= beside_m * beside_m:
-                turn = float(self._turns % TURNS_KEPT)
+                turn = float(self._turns)
                 edge = float(group.edge_of(scan, at))
                 stem.add((hit_n, hit_e, up_m - down_m, eye_n, eye_e, edge, range_m, turn), group.at_s + late_s)
 
@@ -320,6 +338,14 @@ class _Group:
         """Of the ray at a bearing, from the first one on round."""
         middle = math.remainder(bearing - self.start, math.tau) / self.step
         return middle + self.around if middle < 0.0 else middle
+
+
+def _is_finite(scan: LidarScan, pose: ScanPose) -> bool:
+    """True unless a number of either is none."""
+    numbers = scan.age_s + scan.start_rad + scan.elevation_rad + pose.turn_rad + sum(pose.frame)
+    for three in (pose.pos_ned_m, pose.vel_ned_mps, scan.first_attitude_rad, scan.last_attitude_rad):
+        numbers += three[0] + three[1] + three[2]
+    return scan.step_rad != 0.0 and numbers - numbers == 0.0
 
 
 def _level_m(stem: StemRays, pos_ned_m: Vec3) -> float:

@@ -38,6 +38,7 @@ CORRELATED: Final = 4.0  # rays of one scan share its pose: so many count as one
 SECTORS: Final = 24  # of the circumference
 SECTOR_LEAST: Final = 2  # rays in one that is occupied
 INNER: Final = 0.6  # of the radius: a ray that ends within is none of this stem's
+REGULAR: Final = 1.0  # 1/m^2: of nothing but one ray many times, too, a step can be worked out
 RADIUS_MIN_M: Final = 0.015
 RADIUS_MAX_M: Final = 1.5
 LEAN_SPAN_M: Final = 0.6  # between low and high rays (10 %, 90 %): for less, lean is not measured
@@ -87,6 +88,14 @@ class Cloud:
         self.level = np.maximum(np.hypot(to_n, to_e), 0.05)
         self.way_n, self.way_e = to_n / self.level, to_e / self.level
 
+    def turn_frame(self, turned: Floats) -> None:
+        """Each ray as the odometry's frame has been turned since (3, rays): clockwise about its origin, then moved."""
+        cos, sin = np.cos(turned[0]), np.sin(turned[0])
+        n, e, eye_n, eye_e = self.north, self.east, self.eye_n, self.eye_e
+        self.north, self.east = cos * n - sin * e + turned[1], sin * n + cos * e + turned[2]
+        self.eye_n, self.eye_e = cos * eye_n - sin * eye_e + turned[1], sin * eye_n + cos * eye_e + turned[2]
+        self._aim()
+
     def move(self, moved: Floats) -> None:
         """Each ray by its scan's correction (3, rays): shift north and east, turn clockwise about its eye."""
         to_n, to_e = self.north - self.eye_n, self.east - self.eye_e
@@ -110,7 +119,7 @@ class Cloud:
         """Gauss-Newton from `state`: north, east, radius, lean north and east, ellipse by cosine and sine."""
         linear = Linear(self, state)
         for _ in range(steps):
-            step = -np.linalg.solve(linear.normal, linear.gradient)  # its priors and its least radius keep it regular
+            step = -np.linalg.solve(linear.normal, linear.gradient)
             state = state + np.clip(step, -STEP_MAX_M, STEP_MAX_M)
             state[2] = min(max(state[2], RADIUS_MIN_M), RADIUS_MAX_M)
             linear = Linear(self, state)
@@ -153,6 +162,7 @@ class Linear:
         edge_slopes, edge_off, edge_weight = self._edges(cloud, middle, np.stack([twice_cos, twice_sin]))
         believed = 1.0 / np.array([LEAN_SD, LEAN_SD, ELLIPSE_SHARE * radius, ELLIPSE_SHARE * radius]) ** 2
         self.normal = ((slopes * self.weight) @ slopes.T + (edge_slopes * edge_weight) @ edge_slopes.T) / CORRELATED
+        self.normal[range(3), range(3)] += REGULAR
         self.normal[range(3, 7), range(3, 7)] += believed
         self.gradient = (slopes @ (self.off * self.weight) + edge_slopes @ (edge_off * edge_weight)) / CORRELATED
         self.gradient[3:] += believed * state[3:]
@@ -186,7 +196,7 @@ class Solution:
 
     def told(self) -> StemFit | None:
         """With its errors; None: they cannot be told."""
-        if not (math.isfinite(self.cost) and len(self.linear.off) >= LEAST_RAYS):
+        if not math.isfinite(self.cost) or len(self.linear.off) < LEAST_RAYS:
             return None
         linear, (north, east, radius, lean_n, lean_e, _, _) = self.linear, self.state
         try:
@@ -225,7 +235,7 @@ def _taubin(cloud: Cloud, otherwise: tuple[float, float, float]) -> tuple[float,
     n, e = cloud.north - mean_n, cloud.east - mean_e
     square = n * n + e * e
     level = float(square.mean())
-    if not level > 0.0:
+    if not level > 0.0 or len(n) < 3:
         return otherwise
     design = np.column_stack([(square - level) / (2.0 * math.sqrt(level)), n, e])
     _, _, found = np.linalg.svd(design, full_matrices=False)

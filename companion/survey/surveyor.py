@@ -14,7 +14,7 @@ from companion.survey.grading import grade_fit
 from companion.survey.ground import GROUND_SD_M
 from companion.survey.observation import STEM_KIND, Grade, StemObservation, encode
 from companion.survey.rays import STEMS_MAX, Band, RayCollector
-from companion.survey.stem_fit import StemFit
+from companion.survey.stem_fit import LEAST_RAYS, StemFit
 from companion.survey.stem_rays import StemRays
 from companion.survey.taper import Taper, is_at_breast_height
 from companion.survey.track import TRACK_KIND, TrackPoint, encode_track
@@ -122,12 +122,13 @@ class Surveyor:
 
     def _fit_batch(self) -> Iterator[list[StemObservation]]:
         """Fits those that wait, step by step; the last step has what was measured."""
-        passed = [stem for stem in self._passed if stem.count > 0]
+        passed = [stem for stem in self._passed if stem.count >= LEAST_RAYS]
         self._passed.clear()
         context = [stem for stem in self.collector.stems if stem.count >= CONTEXT_RAYS][:CONTEXT_MAX]
         cuts = [self._cut_of(stem) for stem in (*passed, *context)]
         stems = [(stem, cut[0]) for stem, cut in zip((*passed, *context), cuts, strict=True)]
-        joint = JointFit(stems, self._lidar, self._taper.per_m, self._corrections)
+        frames, frame = self.collector.frames, self.collector.frame
+        joint = JointFit(stems, self._lidar, self._taper.per_m, self._corrections, frames, frame)
         for _ in joint.steps():
             yield []
         measured = [

@@ -53,7 +53,7 @@ def mission_of(sensor: str, density_per_ha: float, seed: int, vehicles: int, spe
                 "species": ["spruce", "broadleaf", "pine"],
             },
         },
-        "sim": {"seed": seed, "range_finder": True},
+        "sim": {"seed": seed, "range_finder": True, "estimates": "recorded"},
     }
     return validated(Mission, tables, "survey")
 

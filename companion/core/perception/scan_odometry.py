@@ -60,6 +60,7 @@ class ScanOdometry:
         "_yaw_rad",
         "corrected_along",
         "corrected_s",
+        "frame",
         "shift_m",
         "turn_rad",
     )
@@ -72,6 +73,8 @@ class ScanOdometry:
         self._walls: Final = WallTracks()
         self.shift_m: tuple[float, float] = (0.0, 0.0)  # true less reported, but for where the odometry began
         self.turn_rad = 0.0  # to be added to the reported yaw
+        # How places of before are turned by now: clockwise, rad, then moved north and east, m
+        self.frame: tuple[float, float, float] = (0.0, 0.0, 0.0)
         self.corrected_s = -math.inf  # when trunks or walls corrected it last
         # The one level direction (unit vector) in which walls alone did so then; None: in all
         self.corrected_along: tuple[float, float] | None = None
@@ -216,6 +219,8 @@ class ScanOdometry:
                 north_m, east_m, (sighting.north_m, sighting.east_m), -frame_rad
             )
         self.turn_rad -= frame_rad
+        moved = turned_about(north_m, east_m, (self.frame[1], self.frame[2]), -frame_rad)
+        self.frame = (self.frame[0] - frame_rad, *moved)
 
     def _update(
         self, residual: tuple[float, float], by_turn: tuple[float, float], noise: tuple[float, float, float]

@@ -15,6 +15,7 @@ class ScanPose:
 
     __slots__ = (
         "airborne",
+        "frame",
         "frame_sd_m",
         "pos_ned_m",
         "shift_ne_m",
@@ -34,6 +35,7 @@ class ScanPose:
         to_mission_ne_m: tuple[float, float],
         frame_sd_m: float,
         airborne: bool,
+        frame: tuple[float, float, float] = (0.0, 0.0, 0.0),
         trunks: Sequence[Trunk],
     ) -> None:
         self.pos_ned_m: Final = pos_ned_m  # corrected by trunks
@@ -44,3 +46,4 @@ class ScanPose:
         self.frame_sd_m: Final = frame_sd_m  # of that
         self.airborne: Final = airborne
         self.trunks: Final = trunks
+        self.frame: Final = frame  # how the odometry's frame has been turned, see `ScanOdometry.frame`
