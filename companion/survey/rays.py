@@ -66,7 +66,6 @@ class RayCollector:
 
     __slots__ = (
         "_band",
-        "_ground_from_m",
         "_pieces",
         "_reach_m",
         "_stems",
