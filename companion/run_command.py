@@ -111,13 +111,20 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     sensors = {
         name: _open(f"--sensor {name}", url, opened, may_be_absent=True, hears_all=True) for name, url in urls.items()
     }
+    try:
+        survey = survey_of(mission, arguments.id)
+    except ModuleNotFoundError as error:
+        raise RefusedError(
+            EXIT_ENVIRONMENT,
+            f"the mission has [survey], which needs {error.name}: pip install 'understory-uav[survey]'",
+        ) from None
     endpoint = Endpoint(
         mission,
         arguments.id,
         sensors=sensors_of(mission),
         autopilot_is_stream=arguments.autopilot.scheme is Scheme.SERIAL,
         sensor_streams={name: url.scheme is Scheme.SERIAL for name, url in urls.items()},
-        survey=survey_of(mission, arguments.id),
+        survey=survey,
     )
     cleared = clearance(arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time())
     endpoint.agent.ground(cleared.grounded)

@@ -88,7 +88,7 @@ class JointFit:
                 yield
 
     def _turned_since(self, scan: int) -> Frame:
-        """How a scan's places are turned by now."""
+        """Turn and shift of a scan's places since it was placed."""
         then, now = self._frames.get(scan, self._frame), self._frame
         turn = now[0] - then[0]
         cos, sin = math.cos(turn), math.sin(turn)

@@ -35,11 +35,14 @@ class StemFigures:
     ]
     stems_found: Annotated[int, "Of these, trees of which a vehicle has a measurement that is GOOD or FAIR."]
     stems_found_share: Annotated[float | None, "`stems_found` over `stems_passed`."]
-    stems_measured: Annotated[int, "Measurements that are GOOD or FAIR, of 10 cm DBH or more."]
+    stems_measured: Annotated[int, "Measurements that are GOOD or FAIR, and measured 10 cm DBH or more."]
     stems_false_share: Annotated[
         float | None, "Of these, the share that is no tree: none of 7 cm or more stands within 1.2 m."
     ]
-    stems_dbh_rmse_m: Annotated[float | None, "Error of the DBH of the others, root of the mean square."]
+    stems_dbh_rmse_m: Annotated[
+        float | None,
+        "Error of the DBH, root of the mean square over measurements, GOOD or FAIR, of trees of 10 cm or more.",
+    ]
     stems_dbh_bias_m: Annotated[float | None, "Mean of that error: measured less true."]
     stems_dbh_within_share: Annotated[float | None, "Share of these errors within two of their stated sds."]
     stems_breast_share: Annotated[float | None, "Share that was cut at breast height, and came by no taper."]
@@ -79,8 +82,9 @@ def measure_stems(
     if mission.survey is None:
         return None
     found, passed = match_stems(records, stand)
+    thick = [stem for stem in found if stem.observation.dbh_m >= DBH_LEAST_M]
     seen = {(tree.north_m, tree.east_m) for tree, _ in passed}
-    real = [stem for stem in found if stem.tree is not None]
+    real = [stem for stem in found if stem.tree is not None and 2.0 * stem.tree.radius_m >= DBH_LEAST_M]
     places = {(stem.tree.north_m, stem.tree.east_m) for stem in real if stem.tree is not None}
     off_m = np.array([stem.observation.dbh_m - 2.0 * stem.tree.radius_m for stem in real if stem.tree is not None])
     sd_m = np.array([stem.observation.dbh_sd_m for stem in real])
@@ -89,8 +93,8 @@ def measure_stems(
         stems_passed=len(seen),
         stems_found=len(seen & places),
         stems_found_share=len(seen & places) / len(seen) if seen else None,
-        stems_measured=len(found),
-        stems_false_share=1.0 - len(real) / len(found) if found else None,
+        stems_measured=len(thick),
+        stems_false_share=sum(stem.tree is None for stem in thick) / len(thick) if thick else None,
         stems_dbh_rmse_m=_rms(off_m),
         stems_dbh_bias_m=float(off_m.mean()) if real else None,
         stems_dbh_within_share=float((np.abs(off_m) <= 2.0 * sd_m).mean()) if real else None,
@@ -103,14 +107,14 @@ def measure_stems(
 def match_stems(
     records: Mapping[int, Sequence[tuple[int, bytes]]], stand: Stand
 ) -> tuple[list[MeasuredStem], list[tuple[StandTree, float]]]:
-    """GOOD and FAIR stems of 10 cm or more with their trees; and trees of that size that were passed, how far off."""
+    """GOOD and FAIR stems with their trees; and trees of 10 cm or more that were passed, how far off."""
     stems: list[StemObservation] = []
     tracks: list[TrackPoint] = []
     for vehicle_id, kept in records.items():
         for kind, body in kept:
             stem = decode(body, vehicle_id) if kind == STEM_KIND else None
             point = decode_track(body, vehicle_id) if kind == TRACK_KIND else None
-            if stem is not None and stem.grade is not Grade.POOR and stem.dbh_m >= DBH_LEAST_M:
+            if stem is not None and stem.grade is not Grade.POOR:
                 stems.append(stem)
             if point is not None:
                 tracks.append(point)

@@ -62,10 +62,11 @@ def test_a_stem_where_no_tree_is_is_false() -> None:
     assert found.stems_false_share == 0.5
 
 
-def test_poor_and_thin_ones_do_not_count() -> None:
+def test_poor_ones_do_not_count_and_thin_ones_are_not_false() -> None:
     found = figures(stem(3.0, 5.0, grade=Grade.POOR), stem(-3.0, 10.0, 0.09))
     assert found.stems_measured == 0
-    assert found.stems_found == 0
+    assert found.stems_found == 1  # the thin one is a tree of 20 cm all the same
+    assert found.stems_dbh_bias_m == pytest.approx(-0.11)
 
 
 def test_without_a_survey_there_are_no_figures() -> None:

@@ -86,10 +86,17 @@ _RECORDED: Final = tuple(
     Figure(name, "m/s" if name.endswith("_mps") else "m" if name.endswith("_m") else "", text, better=LESS)
     for name, text in estimate_recorder.definitions().items()
 )
-_SURVEYED: Final = tuple(  # in missions with [survey]; a bias and counts have no better end
-    Figure(name, "m" if name.endswith("_m") else "", text, better=LESS if name.endswith("_m") else MORE)
-    for name, text in stems.definitions().items()
-    if name in ("stems_found_share", "stems_dbh_rmse_m", "stems_relative_rmse_m", "stems_position_rmse_m")
+_BETTER_OF_SURVEYS: Final = {  # a bias and counts have no better end
+    "stems_found_share": MORE,
+    "stems_false_share": LESS,
+    "stems_dbh_rmse_m": LESS,
+    "stems_dbh_within_share": MORE,
+    "stems_position_rmse_m": LESS,
+    "stems_relative_rmse_m": LESS,
+}
+_SURVEYED: Final = tuple(  # in missions with [survey]
+    Figure(name, "m" if name.endswith("_m") else "", stems.definitions()[name], better=better)
+    for name, better in _BETTER_OF_SURVEYS.items()
 )
 FLIGHT: Final = (
     *(figure for figure in metrics.FIGURES if figure.better is not None),

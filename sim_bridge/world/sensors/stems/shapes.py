@@ -127,7 +127,7 @@ def _forked(trunk: list[float], fork_m: float, rng: np.random.Generator) -> list
 
 
 def _stub(trunk: list[float], rng: np.random.Generator) -> Cylinder:
-    """What is left of a branch: it sticks out of the bark by up to 0.15 m."""
+    """The stub of a branch, which sticks out of the bark by up to 0.15 m."""
     up_m = trunk[GROUND] + rng.uniform(0.5, 6.0)
     away_m, bearing = trunk[RADIUS] + rng.uniform(0.0, 0.1), rng.uniform(0.0, math.tau)
     axis_n = trunk[NORTH] + trunk[LEAN_N] * (up_m - trunk[REF])

@@ -1,4 +1,4 @@
-"""Where the rays of a turn meet trunks that lean, taper, and have a section of their own: as `raw_scan`, of shapes."""
+"""Rays of a turn where they meet trunks that lean, taper, and have a section of their own: as `raw_scan`, of shapes."""
 
 from __future__ import annotations
 
