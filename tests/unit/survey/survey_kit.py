@@ -10,7 +10,7 @@ import numpy as np
 
 from companion.survey.alignment import JointFit, ScanCorrections
 from companion.survey.stem_fit import StemFit
-from companion.survey.stem_rays import StemRays
+from companion.survey.stem_rays import LEFT, RIGHT, StemRays
 from mission.schema.kinds import RAW_LIDARS, RawLidar, SensorClass
 
 LIDAR = RAW_LIDARS[SensorClass.MULTI_LAYER]
@@ -41,24 +41,16 @@ def rays_at(
             n, e = place[0] + lean[0] * (up - 1.3) - eye_n, place[1] + lean[1] * (up - 1.3) - eye_e
             away, towards = math.hypot(n, e), math.atan2(e, n)
             phase = rng.random() * step
-            for k in range(-40, 41):
-                bearing = towards + k * step + phase
-                hit = _first_hit(outline_m, away, towards, bearing, half)
+            bearings = [towards + k * step + phase for k in range(-40, 41)]
+            hits = [_first_hit(outline_m, away, towards, bearing, half) for bearing in bearings]
+            for k in range(1, 80):
+                hit = hits[k]
                 if hit is None:
                     continue
+                edge = (LEFT if hits[k - 1] is None else 0) + (RIGHT if hits[k + 1] is None else 0)
                 level = hit + rng.normal(0.0, lidar.range_sd_m) * SLANT
-                rows.extend(
-                    (
-                        eye_n + level * math.cos(bearing),
-                        eye_e + level * math.sin(bearing),
-                        up,
-                        eye_n,
-                        eye_e,
-                        4.0,
-                        level / SLANT,
-                        float(scan),
-                    )
-                )
+                place_n, place_e = eye_n + level * math.cos(bearings[k]), eye_e + level * math.sin(bearings[k])
+                rows.extend((place_n, place_e, up, eye_n, eye_e, float(edge), level / SLANT, float(scan)))
     return rows
 
 

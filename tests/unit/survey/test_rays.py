@@ -31,6 +31,7 @@ def pose_at(now_s: float, trunks: list[Trunk] | None = None, **changes: Any) -> 
         "turn_rad": 0.0,
         "to_mission_ne_m": (0.0, 0.0),
         "frame_sd_m": 1.0,
+        "frame": (0.0, 0.0, 0.0),
         "airborne": True,
         "trunks": [trunk_at(*AXIS, now_s)] if trunks is None else trunks,
     }

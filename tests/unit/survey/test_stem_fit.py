@@ -124,6 +124,24 @@ def test_wrong_poses_are_found_by_what_stands_still() -> None:
     assert rms_cm(together) < 0.7 * rms_cm(alone)
 
 
+def test_edges_bound_a_stem_that_is_seen_from_one_side() -> None:
+    """From one side a blurred cloud is as well part of a wide circle: hits alone do not say where it ends."""
+    with_edges, without = [], []
+    for seed in range(4):
+        rays = [
+            rays_at(lambda _: 0.12, passing(2.0), np.random.default_rng([seed, k]), place=place)
+            for k, place in enumerate(((0.5, -1.0), (0.8, 1.0), (1.5, 0.0)))
+        ]
+        clouds = blurred(rays, seed)
+        with_edges += fitted(*clouds)
+        for cloud in clouds:
+            for row in range(0, len(cloud), 8):
+                cloud[row + 5] = 0.0
+        without += fitted(*clouds)
+    assert rms_cm(with_edges) < 1.5
+    assert rms_cm(with_edges) < 0.5 * rms_cm(without)
+
+
 def test_stated_errors_hold() -> None:
     off, sd = [], []
     for seed in range(20):

@@ -35,7 +35,7 @@ class ScanPose:
         to_mission_ne_m: tuple[float, float],
         frame_sd_m: float,
         airborne: bool,
-        frame: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        frame: tuple[float, float, float],
         trunks: Sequence[Trunk],
     ) -> None:
         self.pos_ned_m: Final = pos_ned_m  # corrected by trunks
