@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 READY := $(VENV)/.ready
 COMPILED := $(VENV)/.compiled
-SOURCES := $(wildcard mission/common/*.py mission/stand/*.py companion/core/*.py companion/core/*/*.py companion/core/*/*/*.py companion/mavlink/*.py companion/mavlink/*/*.py \
+SOURCES := $(wildcard mission/common/*.py mission/stand/*.py companion/core/*.py companion/core/*/*.py companion/core/*/*/*.py companion/mavlink/*.py companion/mavlink/*/*.py companion/survey/*.py \
   sim_bridge/world/*.py sim_bridge/world/*/*.py sim_bridge/world/*/*/*.py sim_bridge/drive/*.py sim_bridge/drive/*/*.py sim_bridge/judge/*.py sim_bridge/lab/study/ours.py)
 DEV_READY := $(VENV)/.ready-dev
 MISSION ?= mission/examples/lone_tree.toml
@@ -157,7 +157,7 @@ DEV_EXTRAS := sim cluster pandas build dev
 
 lock: $(DEV_READY)
 	$(COMPILE) pyproject.toml --extra sim --extra build -o requirements.lock
-	$(COMPILE) pyproject.toml companion/board/installer.in -c requirements.lock -o requirements-board.lock
+	$(COMPILE) pyproject.toml --extra survey companion/board/installer.in -c requirements.lock -o requirements-board.lock
 	$(COMPILE) pyproject.toml $(DEV_EXTRAS:%=--extra %) -c requirements.lock -o requirements-dev.lock
 	for simulator in $(OTHER_SIMULATORS); do $(COMPILE) tests/bench/other_simulators/$$simulator.in -o tests/bench/other_simulators/$$simulator.lock; done
 

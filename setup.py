@@ -62,6 +62,9 @@ COMPILED = {
         "companion/mavlink/framing/*.py",
         "companion/sensors/scans.py",
         "companion/sensors/lidar_pieces.py",
+        "companion/survey/ground.py",
+        "companion/survey/rays.py",
+        "companion/survey/stem_rays.py",
     ),
 }
 PURE = {

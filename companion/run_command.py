@@ -21,6 +21,7 @@ from companion.shell.links import Link, LinkError, open_link
 from companion.shell.runner import Runner, Stop
 from companion.shell.service import Service
 from companion.shell.urls import Scheme, Url
+from companion.survey.of_mission import survey_of
 from mission import __version__
 from mission.common.compiled import STATE
 from mission.common.problems import MissionError, printable
@@ -113,12 +114,20 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     sensors = {
         name: _open(f"--sensor {name}", url, opened, may_be_absent=True, hears_all=True) for name, url in urls.items()
     }
+    try:
+        survey = survey_of(mission, arguments.id)
+    except ModuleNotFoundError as error:
+        raise RefusedError(
+            EXIT_ENVIRONMENT,
+            f"the mission has [survey], which needs {error.name}: pip install 'understory-uav[survey]'",
+        ) from None
     endpoint = Endpoint(
         mission,
         arguments.id,
         sensors=sensors_of(mission),
         autopilot_is_stream=arguments.autopilot.scheme is Scheme.SERIAL,
         sensor_streams={name: url.scheme is Scheme.SERIAL for name, url in urls.items()},
+        survey=survey,
         records=_records(arguments, mission, opened, log),
     )
     cleared = clearance(arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time())

@@ -26,6 +26,7 @@ from companion.mavlink.schema import page as own_messages
 from companion.preflight.checks import ABOUT
 from mission.document.model import Mission
 from sim_bridge.judge import estimate_errors, estimate_recorder, metrics, recording, verdict
+from sim_bridge.judge.metrics import stems
 from sim_bridge.judge.page import about as replay_keys
 
 REFERENCE = Path(__file__).parent / "reference"
@@ -149,6 +150,14 @@ def metrics_page() -> Iterator[str]:
         yield f"| `{name}` | {text} |"
     yield from ("", "Over external autopilots these instead:", "", "| figure | definition |", "|---|---|")
     for name, text in estimate_errors.definitions().items():
+        yield f"| `{name}` | {text} |"
+    yield from (
+        "",
+        "Of a survey, in a mission with `[survey]`:",
+        "",
+    )
+    yield from ("| figure | definition |", "|---|---|")
+    for name, text in stems.definitions().items():
         yield f"| `{name}` | {text} |"
     yield from ("", BESIDES_METRICS)
 

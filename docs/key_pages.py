@@ -12,6 +12,7 @@ from mission.common.problems import shown
 from mission.document.model import Mission
 from mission.schema.json_schema import Node, allowed, json_schema, resolved
 from sim_bridge.judge import estimate_recorder, metrics
+from sim_bridge.judge.metrics import stems
 from sim_bridge.lab.study.law import LAWS, law_module
 from sim_bridge.lab.study.localise.spec import Study as EstimatorStudy
 from sim_bridge.lab.study.results.figures import ESTIMATOR, FLIGHT
@@ -161,7 +162,9 @@ def study_figures() -> Iterator[str]:
     yield "[figures of a flight](metrics.md#figures) that have a better end, and these. `worst` and `p95` are"
     yield "of the other end."
     yield from ("", "| figure | backend | unit | better | what it is |", "|---|---|---|---|---|")
-    known = {figure.name for figure in metrics.FIGURES} | set(estimate_recorder.definitions())
+    known = (
+        {figure.name for figure in metrics.FIGURES} | set(estimate_recorder.definitions()) | set(stems.definitions())
+    )
     for figure in (*FLIGHT, *ESTIMATOR):
         if figure.name not in known:
             assert figure.better is not None

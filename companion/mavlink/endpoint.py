@@ -15,7 +15,7 @@ from typing import Any, Final, assert_never
 from companion.core.agent import Agent
 from companion.core.model.actions import Action, Ask, Say, SendBeacon, SendOdometry, VelocitySetpoint
 from companion.core.model.beacon import RelativeReport
-from companion.core.model.events import Answer, AutopilotMode, Event, OperatorOrder
+from companion.core.model.events import Answer, AutopilotMode, Event, LidarScan, OperatorOrder
 from companion.core.model.states import Order, Severity
 from companion.core.stages import FLIGHT_STAGES, StageFactory
 from companion.mavlink import beacon as swarm_beacon
@@ -24,7 +24,7 @@ from companion.mavlink.codec import Codec
 from companion.mavlink.framing import texts, wire
 from companion.mavlink.framing.frames import Framing, Incoming, source
 from companion.mavlink.framing.signing import Gate
-from companion.mavlink.harvest import RecordLink
+from companion.mavlink.harvest import RecordLink, Survey, scan_pose_of
 from companion.mavlink.own_messages import encode_relative_report
 from companion.mavlink.relative import RELATIVE_ID, read_relative_report
 from companion.mavlink.sensor_inputs import SHARED, SensorInputs
@@ -92,13 +92,14 @@ class Endpoint:
         sensor_streams: Mapping[str, bool] = DATAGRAMS,
         beacons: swarm_beacon.Reader | None = None,
         stages: StageFactory = FLIGHT_STAGES,
+        survey: Survey | None = None,
         records: RecordLink | None = None,
     ) -> None:
         """ValueError when the mission has no origin or no such vehicle.
 
         `sensor_streams`: the links to its sensors' drivers by name, and whether bytes may break anywhere (serial).
         `beacons`: reads those of this mission, shared with other vehicles; by default its own.
-        `stages`: of its agent. `records`: what it measures, of a mission that surveys.
+        `stages`: of its agent. `survey`: measures stems, in a mission that asks for it; `records`: keeps what it finds.
         """
         if mission.origin is None:
             raise ValueError("the mission has no [origin]: a vehicle cannot tell where its d1 and d2 are")
@@ -111,10 +112,11 @@ class Endpoint:
         self.codec = Codec(vehicle_id, frame, start_ned_m=start, broadcasts_position=ranging is None)
         self._ranging = ranging is not None
         self._beacons = beacons or swarm_beacon.Reader(frame)
-        self.records = records
         self.autopilot_gate = Gate(takes_signed=True)  # by wire, or from a simulator
         self.peers_gate = Gate(takes_signed=False)  # by radio: a signature that is not read proves nothing
         self.sensors = SensorInputs(sensors, vehicle_id, sensor_streams)
+        self.survey: Final = survey
+        self.records: Final = records
         reception = reception_counts(mission, vehicle_id)
         fix_hz = receiver_hz(mission, vehicle_id)
         self._requests = StreamRequests(self.codec, {**fix_hz, **self.sensors.autopilot_hz}, reception=reception)
@@ -295,8 +297,7 @@ class Endpoint:
                 out.sensor = self._to_sensor.pack(heartbeat())
         to_autopilot += map(pack, self._requests.missing(now_s))
         self._ask_for_time(now_s, to_autopilot)
-        for event in self.sensors.collect(now_s):
-            self.agent.receive(event, now_s)
+        self._take_scans(now_s)
         for action in (*self._to_say, *self.agent.tick(now_s)):
             self._encode(action, now_s, to_autopilot, to_peers, out.said)
         self._to_say.clear()
@@ -311,6 +312,18 @@ class Endpoint:
         """Frames of records behind the beacons, and what is to be said of them with the next tick."""
         out.records = [self._to_peers.frame(*frame) for frame in records.frames(now_s, len(out.peers))]
         self._to_say += [Say(Severity.WARNING, line) for line in records.lines()]
+
+    def _take_scans(self, now_s: float) -> None:
+        """Hands on the scans since the last tick; a survey measures stems by them."""
+        survey = self.survey
+        pose = None if survey is None else scan_pose_of(self.agent)
+        for event in self.sensors.collect(now_s):
+            self.agent.receive(event, now_s)
+            if survey is not None and pose is not None and isinstance(event, LidarScan):
+                survey.integrate(event, pose, now_s)
+        if survey is not None and self.records is not None:
+            for kind, body in survey.take_records(pose, now_s):
+                self.records.append(kind, body, now_s)
 
     def hello(self) -> bytes:
         """A HEARTBEAT to send before the first tick, so that the other end learns this companion's address."""

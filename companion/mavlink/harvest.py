@@ -1,8 +1,16 @@
-"""The records of one vehicle, as its endpoint sees them: companion.records keeps them and passes them on."""
+"""The two collaborators that an endpoint may have: a survey, which measures stems, and a link that keeps records."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Final, Protocol
+
+from companion.core.agent import Agent
+from companion.core.localisation.gnss_denied.localiser import GnssDeniedLocaliser
+from companion.core.model.events import LidarScan
+from companion.core.perception.landmarks.scan_pose import ScanPose
+from companion.core.perception.obstacle_perception import SensingPerception
+
+FRAME_SD_M: Final = 1.0  # of a position by satellites under trees, level, slow: common to all seen at a time
 
 
 class RecordLink(Protocol):
@@ -22,3 +30,35 @@ class RecordLink(Protocol):
 
     def counters(self) -> dict[str, int]:
         """Counts for the log: what is made, delivered, lost and refused."""
+
+
+class Survey(Protocol):
+    """Measures stems along the way. Times are the local clock's, s."""
+
+    def integrate(self, scan: LidarScan, pose: ScanPose, now_s: float) -> None:
+        """A piece of a scan, and the pose of its tick."""
+
+    def take_records(self, pose: ScanPose | None, now_s: float) -> list[tuple[int, bytes]]:
+        """Once a tick: kinds and bodies of records that are finished. `pose`: None while there is none."""
+
+
+def scan_pose_of(agent: Agent) -> ScanPose | None:
+    """The pose of this tick; None: the autopilot has told no position yet, or the vehicle has no sensor."""
+    own, perception, localiser = agent.flight.vehicle.position, agent.perception, agent.localiser
+    if own is None or not isinstance(perception, SensingPerception):
+        return None
+    motion = perception.motion
+    pos, vel = motion.correct_place(own.pos_ned_m), own.vel_ned_mps
+    bias, off = perception.velocity_bias(localiser.velocity_bias_ned_mps), localiser.offset_ned_m
+    frame_sd_m = localiser.global_localisation.sd_m if isinstance(localiser, GnssDeniedLocaliser) else FRAME_SD_M
+    return ScanPose(
+        pos,
+        (vel[0] + bias[0], vel[1] + bias[1], vel[2] + bias[2]),
+        shift_ne_m=motion.odometry.shift_m,
+        turn_rad=motion.turn_rad,
+        to_mission_ne_m=(own.pos_ned_m[0] + off[0] - pos[0], own.pos_ned_m[1] + off[1] - pos[1]),
+        frame_sd_m=frame_sd_m,
+        airborne=agent.flight.vehicle.airborne,
+        trunks=motion.odometry.trunks,
+        frame=motion.odometry.frame,
+    )

@@ -16,6 +16,7 @@ from mission.document.barometer import find_lacking_room
 from mission.document.height_layers import APART_M, LIMIT_M, list_layers
 from mission.document.load import MAX_PLACE_CHARS, load_document
 from mission.document.model import Mission
+from mission.rules.survey_rules import cut_distances_m
 from mission.schema.check import validated
 from mission.schema.sim import OdometryErrors, RangingErrors, Sky
 from mission.schema.tables import Swarm
@@ -56,7 +57,7 @@ def _checked(file: str) -> tuple[dict[str, Any], tuple[Problem, ...]]:
     absent, notes = _check_stand(mission, file)
     beyond += absent
     lacking = find_lacking_room(mission)
-    notes = [*_idle(mission), *_layers(mission), *([lacking] if lacking else []), *notes]
+    notes = [*_idle(mission), *_layers(mission), *_survey(mission), *([lacking] if lacking else []), *notes]
     told = {"beyond_simulator": [asdict(problem) for problem in beyond], "notes": notes}
     return _summary(file, mission) | told, beyond
 
@@ -98,6 +99,23 @@ def _layers(mission: Mission) -> Iterator[str]:
             "1 layer of height: separation.height_layers wants a level route and ring, and "
             f"{APART_M + LIMIT_M:g} m to the fence's altitudes: parts that do not hear each other may meet"
         )
+
+
+def _survey(mission: Mission) -> Iterator[str]:
+    """A note at which height stems are cut, and how that comes to breast height."""
+    if mission.survey is None:
+        return
+    distances_m, taper = cut_distances_m(mission), f"{mission.survey.taper_cm_per_m:g} cm/m"
+    if distances_m is not None:
+        yield (
+            f"survey: layers cut stems at breast height, 1.3 m, where they pass {distances_m[0]:.1f} to "
+            f"{distances_m[1]:.1f} m away; others by taper, {taper}"
+        )
+        return
+    yield (
+        f"survey: stems are cut at flight height, {mission.route.d1_enu_m[2]:g} m: diameters at breast height come by "
+        f"taper, {taper}, never by measurement"
+    )
 
 
 def _check_stand(mission: Mission, file: str) -> tuple[tuple[Problem, ...], list[str]]:

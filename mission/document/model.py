@@ -7,7 +7,7 @@ from typing import Any, Self
 
 from pydantic import ConfigDict, model_validator
 
-from mission.rules import fence_rules, flight_rules, forest_rules
+from mission.rules import fence_rules, flight_rules, forest_rules, survey_rules
 from mission.schema.check import validated
 from mission.schema.conflict import ConflictError
 from mission.schema.faults import within
@@ -44,6 +44,7 @@ from mission.schema.tables import (
     Sensing,
     Separation,
     Stop,
+    Survey,
     Swarm,
     Visit,
 )
@@ -82,6 +83,7 @@ __all__ = [
     "Sky",
     "StandSpec",
     "Stop",
+    "Survey",
     "Swarm",
     "Tree",
     "Visit",
@@ -95,7 +97,9 @@ class Mission(MissionTables):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        conflicts = tuple(c for laws in (flight_rules, fence_rules, forest_rules) for c in laws.conflicts(self))
+        conflicts = tuple(
+            c for laws in (flight_rules, fence_rules, forest_rules, survey_rules) for c in laws.conflicts(self)
+        )
         if conflicts:
             raise ConflictError(conflicts)
         return self

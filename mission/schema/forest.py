@@ -167,6 +167,45 @@ class StandSpec(Table):
         return tree_of(east_m, north_m, dbh_m, species, crown_base_share=crown, height_share=share)
 
 
+class Shapes(Table):
+    """Shapes of trunks for lidars that tell every ray, drawn tree by tree from the seed; others see cylinders."""
+
+    lean_deg: Annotated[
+        Number, Field(ge=0.0, le=10.0, description="Standard deviation of a trunk's lean, north and east.")
+    ] = 1.5
+    ellipse: Annotated[
+        Number,
+        Field(
+            ge=0.0, le=0.5, description="Standard deviation of how much a section's diameters differ, over their mean."
+        ),
+    ] = 0.06
+    taper_exponent: Annotated[
+        Number,
+        Field(
+            ge=0.1,
+            le=2.0,
+            description="Mean exponent p of a trunk's taper, d(h) = DBH ((H - h) / (H - 1.3))^p: at 4 m of a tree of "
+            "20 m and 25 cm, 0.7 makes it 2.5 cm thinner.",
+        ),
+    ] = 0.7
+    taper_exponent_sd: Annotated[Number, Field(ge=0.0, le=1.0, description="Its standard deviation.")] = 0.15
+    bark_m: Annotated[
+        Number, Field(ge=0.0, le=0.05, description="Roughness of bark, rms; at most a tenth of the radius.")
+    ] = 0.004
+    forks: Annotated[
+        Number, Field(ge=0.0, le=1.0, description="Share of trunks that fork, between 1.8 and 7 m up.")
+    ] = 0.03
+    stubs_per_tree: Annotated[
+        Number, Field(ge=0.0, le=20.0, description="Mean number of stubs of branches, 0.5 to 6 m up.")
+    ] = 1.0
+    saplings_per_ha: Annotated[
+        Number, Field(ge=0.0, le=5_000.0, description="Saplings of 2 to 7 cm, 1.5 to 3.5 m tall. None is touched.")
+    ] = 100.0
+    litter_per_ha: Annotated[
+        Number, Field(ge=0.0, le=5_000.0, description="Heaps and stones of 5 to 25 cm on the ground. None is touched.")
+    ] = 200.0
+
+
 class Forest(Table):
     """The forest as the simulator has it. Companions never see it: they know d2, and what their sensors tell."""
 
@@ -192,6 +231,13 @@ class Forest(Table):
         tuple[Tree, ...],
         Field(max_length=MAX_TREES, description="Single trunks, one table for each, besides those of a stand."),
     ] = ()
+    shapes: Annotated[
+        Shapes | None,
+        Field(
+            description="Optional: trunks lean, get thinner with height, and have a section and bark of their own, for "
+            "lidars whose scans are raw. A vehicle still touches the upright cylinder. Left out: all are cylinders."
+        ),
+    ] = None
     boxes: Annotated[
         tuple[Box, ...],
         Field(

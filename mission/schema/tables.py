@@ -400,6 +400,35 @@ class Sensing(Table):
     ] = False
 
 
+class Survey(Table):
+    """Stems measured by every vehicle along its way, with a lidar that tells every ray."""
+
+    reach_m: Annotated[
+        Number,
+        Field(
+            ge=2.0,
+            le=20.0,
+            description="How near, level, a trunk must be for its rays to count: farther off too few hit it.",
+        ),
+    ] = 7.0
+    dbh_min_m: Annotated[
+        Number, Field(ge=0.03, le=1.0, description="Stems that are thinner at breast height (1.3 m) are not recorded.")
+    ] = 0.08
+    taper_cm_per_m: Annotated[
+        Number,
+        Field(
+            ge=0.0,
+            le=5.0,
+            description="By how much a stem gets thinner with height: what brings the diameter of a cut at another "
+            "height to breast height.",
+        ),
+    ] = 1.0
+    taper_sd_cm_per_m: Annotated[
+        Number,
+        Field(ge=0.0, le=5.0, description="Standard deviation of that between trees: part of such a diameter's error."),
+    ] = 0.4
+
+
 class Ranging(Table):
     """The range radio that every vehicle carries where not all have GNSS, and where they start."""
 
@@ -420,10 +449,6 @@ class Ranging(Table):
         Number,
         Field(ge=1.0, le=20.0, description="How often each two of them do, where the radio has the time for it."),
     ] = 10.0
-
-
-class SurveyTable(Table):
-    """Measurements that the swarm makes, and brings to the base station as records."""
 
 
 class MissionTables(Table):
@@ -458,10 +483,10 @@ class MissionTables(Table):
         ),
     ] = None
     survey: Annotated[
-        SurveyTable | None,
+        Survey | None,
         Field(
-            description="Optional: every vehicle keeps records of what it measures, and passes them on to the base "
-            "station. Left out: none does."
+            description="Optional: every vehicle measures the stems along its way (`sensing.sensor` must tell raw "
+            "scans), keeps a record of each, and passes its records on to the base station."
         ),
     ] = None
     forest: Annotated[Forest, Field(description="What grows there, for the simulator.")] = Forest()

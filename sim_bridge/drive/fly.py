@@ -31,6 +31,7 @@ from sim_bridge.drive.lockstep.lockstep import Companion, CompanionLostError, In
 from sim_bridge.drive.lockstep.processes import Launcher, RadioSocket
 from sim_bridge.drive.operator import Operator, operator_order
 from sim_bridge.judge.estimate_recorder import EstimateRecorder
+from sim_bridge.judge.metrics.stems import measure_stems
 from sim_bridge.judge.observer import Observer
 from sim_bridge.judge.outcome import Outcome, conclude
 from sim_bridge.judge.progress import Progress, Status
@@ -298,6 +299,7 @@ def fly(
             ended = "interrupted"
         flown_s = time.perf_counter() - began_flying_s
         records = flight.tell_records()
+        stems = None if harvest is None else measure_stems(harvest.own_records(), mission, stand)
     if forks is not None and forks.failure is not None:
         flight.observer.tell_once(flight.world.now_s, loss(0, forks.failure))
     flight.show_events(progress)  # what happened since the last tick
@@ -318,6 +320,7 @@ def fly(
             faults=flight.faults.happened,
             stand=stand,
             estimates=flight.estimates.figures(),
+            stems=stems,
             entrant=entrant.figures(),
             records=records,
         )

@@ -20,6 +20,7 @@ from sim_bridge.judge.estimate_errors import ErrorFigures
 from sim_bridge.judge.estimate_recorder import EstimateFigures
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import Metrics, measure
+from sim_bridge.judge.metrics.stems import StemFigures
 from sim_bridge.judge.page.limits import limits
 from sim_bridge.judge.page.replay import Verdict as Judged
 from sim_bridge.judge.progress import Progress
@@ -52,13 +53,14 @@ def conclude(
     end_s: float | None = None,
     stand: Stand | None = None,
     estimates: EstimateFigures | ErrorFigures | None = None,
+    stems: StemFigures | None = None,
     entrant: Mapping[str, Any] = MappingProxyType({}),
     records: Mapping[str, Any] = MappingProxyType({}),
 ) -> Outcome:
     """Measure the flight, and save figures and recording into its run folder, where it has one.
 
-    `faults`, `end_s`: as for `verdict.judge`; `stand`: as for `measure`; `estimates`: of the vehicles, where recorded.
-    `records`: made and delivered, of a mission that surveys.
+    `faults`, `end_s`: as for `verdict.judge`; `stand`: as for `measure`; `estimates`: of the vehicles, where recorded;
+    `stems`: of a survey, `records`: made and delivered by it.
     `entrant`: what flew in place of ours, by the keys that metrics.json has of it. A verdict says so, and whether it
     rests on the estimates of external autopilots.
     What cannot be written (disk full) is named in the outcome.
@@ -69,6 +71,7 @@ def conclude(
     summary = {
         **metrics.as_dict(),
         **(estimates.as_dict() if estimates is not None else {}),
+        **(stems.as_dict() if stems is not None else {}),
         **records,
         "seed": mission.sim.seed,
         "ended": ended,

@@ -19,7 +19,18 @@ import numpy as np
 
 from companion.core.model.states import SwarmPhase
 from sim_bridge.judge.progress import Progress
-from tests.bench import bad_radio, encounters, hashes, layers, lost_fixes, own_motion, speed, trunks
+from tests.bench import (
+    bad_radio,
+    encounters,
+    hashes,
+    layers,
+    lost_fixes,
+    own_motion,
+    speed,
+    survey,
+    survey_fits,
+    trunks,
+)
 from tests.bench.agent import agent
 from tests.bench.election import Course, Lied, all_lied, courses
 from tests.bench.flights import SEEDS, leader_killed, lone_tree, paper, quick_start
@@ -47,6 +58,8 @@ PROGRAMS = {
     "layers": layers.main,
     "lost-fixes": lost_fixes.main,
     "own-motion": own_motion.main,
+    "survey": survey.main,
+    "survey-fits": survey_fits.main,
     "trunks": trunks.main,
 }
 

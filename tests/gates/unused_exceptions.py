@@ -77,6 +77,17 @@ _.estimate_error_rms_m
 _.estimate_error_max_m
 _.estimate_height_error_max_m
 _.estimate_yaw_error_max_deg
+_.stems_passed  # of surveys
+_.stems_found
+_.stems_found_share
+_.stems_measured
+_.stems_false_share
+_.stems_dbh_rmse_m
+_.stems_dbh_bias_m
+_.stems_dbh_within_share
+_.stems_breast_share
+_.stems_position_rmse_m
+_.stems_relative_rmse_m
 _.leader_error_d2_m
 _.handover_jump_m
 _.handover_step_mps

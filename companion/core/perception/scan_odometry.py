@@ -18,7 +18,7 @@ from typing import Final, final
 
 from companion.core.model.events import Position
 from companion.core.perception.landmarks.stem_clusters import find_stems
-from companion.core.perception.landmarks.trunk_tracks import Sighting, TrunkTracks, chi2_of, turned_about
+from companion.core.perception.landmarks.trunk_tracks import Sighting, Trunk, TrunkTracks, chi2_of, turned_about
 from companion.core.perception.landmarks.wall_segments import find_walls, mark_walls
 from companion.core.perception.landmarks.wall_tracks import WallSighting, WallTracks
 from companion.core.perception.level_scan import LevelScan, ScanClass
@@ -61,6 +61,7 @@ class ScanOdometry:
         "_yaw_rad",
         "corrected_along",
         "corrected_s",
+        "frame",
         "reckons",
         "shift_m",
         "turn_rad",
@@ -76,6 +77,8 @@ class ScanOdometry:
         self.turn_rad = 0.0  # to be added to the reported yaw
         # Its autopilot has no fix: what is reported drifts, and a drift aside looks as if the frame were turned
         self.reckons = False
+        # How places of before are turned by now: clockwise, rad, then moved north and east, m
+        self.frame: tuple[float, float, float] = (0.0, 0.0, 0.0)
         self.corrected_s = -math.inf  # when trunks or walls corrected it last
         # The one level direction (unit vector) in which walls alone did so then; None: in all
         self.corrected_along: tuple[float, float] | None = None
@@ -88,6 +91,11 @@ class ScanOdometry:
         self._yaw_rad = 0.0
         self._missed = 0
         self._cov[15] = 0.0 if turns_with_yaw else FRAME_SD_RAD * FRAME_SD_RAD
+
+    @property
+    def trunks(self) -> Sequence[Trunk]:
+        """The tracked ones, as of the last scan."""
+        return self._tracks.trunks
 
     def is_corrected(self, now_s: float) -> bool:
         """Trunks or walls have corrected the pose lately."""
@@ -215,6 +223,8 @@ class ScanOdometry:
                 north_m, east_m, (sighting.north_m, sighting.east_m), -frame_rad
             )
         self.turn_rad -= frame_rad
+        moved = turned_about(north_m, east_m, (self.frame[1], self.frame[2]), -frame_rad)
+        self.frame = (self.frame[0] - frame_rad, *moved)
 
     def _update(
         self, residual: tuple[float, float], by_turn: tuple[float, float], noise: tuple[float, float, float]

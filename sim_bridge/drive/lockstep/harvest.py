@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,7 +12,7 @@ import numpy as np
 from companion.base.station import BaseStation
 from companion.records.exchange import RecordExchange
 from companion.records.node import open_base, open_records
-from companion.records.record import BASE_ID, LogKey
+from companion.records.record import BASE_ID, LogKey, RecordKind
 from companion.records.store import Batch, RecordStore, StoreError, Written
 from companion.records.write_queue import DirectWriter
 from mission.common.frames import Vec3, enu_to_ned
@@ -157,24 +158,33 @@ class Harvest:
         """Of each log, how many its writer, or anybody, has."""
         made: dict[LogKey, int] = {}
         for vehicle_id in range(1, self._mission.swarm.size + 1):
-            for key, holding in self._holdings(vehicle_id).items():
-                made[key] = max(made.get(key, 0), holding.last)
+            with self._opened(vehicle_id) as store:
+                for key, holding in {} if store is None else store.holdings().items():
+                    made[key] = max(made.get(key, 0), holding.last)
         return made
 
-    def _holdings(self, vehicle_id: int) -> dict[LogKey, Any]:
-        link = self._links.get(vehicle_id)
-        if link is not None:
-            return dict(link.store.holdings())
-        path = self.path(vehicle_id)
-        if path is None or not path.exists():
-            return {}
-        try:
-            store = RecordStore(path, vehicle_id, self._draw)
-        except StoreError:
-            return {}
-        found = store.holdings()
-        store.close()
-        return dict(found)
+    def own_records(self) -> dict[int, list[tuple[int, bytes]]]:
+        """Kinds and bodies of what each vehicle has recorded itself, as far as its disk can be read."""
+        found: dict[int, list[tuple[int, bytes]]] = {}
+        for vehicle_id in range(1, self._mission.swarm.size + 1):
+            with self._opened(vehicle_id) as store:
+                if store is not None:
+                    found[vehicle_id] = [
+                        (kind, row[-1]) for kind in RecordKind for row in store.records(kind) if row[0] == vehicle_id
+                    ]
+        return found
+
+    @contextmanager
+    def _opened(self, vehicle_id: int) -> Iterator[RecordStore | None]:
+        """The store on a vehicle's disk; None: there is none, or it cannot be read."""
+        link, path = self._links.get(vehicle_id), self.path(vehicle_id)
+        store: RecordStore | None = None
+        if link is None and path is not None and path.exists():
+            with suppress(StoreError):
+                store = RecordStore(path, vehicle_id, self._draw)
+        yield store if link is None else link.store
+        if store is not None:
+            store.close()
 
     def close(self) -> None:
         """Let go of all files."""

@@ -20,6 +20,7 @@ from companion.mavlink.beacon import Reader
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.harvest import RecordLink
 from companion.sensors.table import sensors_of
+from companion.survey.of_mission import survey_of
 from mission.document.model import Mission
 from sim_bridge.drive.links.inbox import Inbox
 from sim_bridge.drive.links.radio_node import RadioNode
@@ -87,7 +88,13 @@ class InProcess:
         `stages`: of its agent. `records`: of a mission that surveys, on `disk`.
         """
         self.endpoint = Endpoint(
-            mission, vehicle_id, sensors=sensors_of(mission), beacons=beacons, stages=stages, records=records
+            mission,
+            vehicle_id,
+            sensors=sensors_of(mission),
+            beacons=beacons,
+            stages=stages,
+            survey=survey_of(mission, vehicle_id),
+            records=records,
         )
         self._disk = disk
         self.endpoint.agent.waive("all")  # as `--waive all` of a companion that is a process

@@ -24,6 +24,8 @@ from sim_bridge.world.sensors.lidar import EPSILON_S, MOUNTED_UP_M, RANGE_MIN_M,
 from sim_bridge.world.sensors.raw_scan import Floats, RayPattern, cast
 from sim_bridge.world.sensors.scene import Scene
 from sim_bridge.world.sensors.simulated import SimulatedSensor
+from sim_bridge.world.sensors.stems.shapes import shapes_of
+from sim_bridge.world.sensors.stems.stem_scan import take_stems
 
 PIECE_RAYS: Final = 90
 STILL = (0.0, 0.0)
@@ -88,14 +90,19 @@ class RawLidar:
             for cylinder in bodies(eye, (pos_ned_m,), self._body_m, self.max_m)
         ]
         cylinders = self._scene.cylinders(eye)
-        return cast(
-            self.pattern.rays(state, MOUNTED_UP_M),
+        rays = self.pattern.rays(state, MOUNTED_UP_M)
+        found = cast(
+            rays,
             np.vstack([cylinders, hulls]) if hulls else cylinders,
             [(box, self._scene.top_up_m(box)) for box in self._scene.boxes_around(eye)],
             self._scene.ground(eye),
             max_m=self.max_m,
             beam_deg=self._spec.beam_deg,
         )
+        trunks = self._scene.trunks(eye)
+        if trunks is not None:
+            take_stems(found, rays, trunks, max_m=self.max_m, beam_deg=self._spec.beam_deg)
+        return found
 
     def _spoilt(self, seen_m: Floats) -> Floats:
         """As it is told: with noise, without the rays that were missed or are out of view."""
@@ -185,5 +192,5 @@ def raw_lidars_of(mission: Mission, stand: Stand, ids: Sequence[int]) -> RawLida
     sensing, sim = mission.sensing, mission.sim
     if sensing is None or sensing.sensor not in RAW_LIDARS:
         return None
-    scene = Scene(stand, sensing.range_m)
+    scene = Scene(stand, sensing.range_m, shapes_of(mission, stand))
     return RawLidars({k: RawDriver(RawLidar(scene, sensing, sim.lidar, seed=sim.seed, vehicle_id=k), k) for k in ids})

@@ -102,7 +102,7 @@ def _to_ground(rays: Rays, ground: Plane) -> Floats:
 
 def _take_cylinders(found: Floats, rays: Rays, cylinders: Floats, max_m: float, half_beam_rad: float) -> None:
     """The nearest of the cylinders into `found`: those nearby first, which hide most of what is behind them."""
-    which, ray, near_m = _pairs(rays, cylinders, max_m, half_beam_rad)
+    which, ray, near_m = find_pairs(rays, cylinders, max_m, half_beam_rad)
     told = found.reshape(-1)
     for least_m, most_m in pairwise(NEARBY_M):
         chosen = np.flatnonzero((near_m >= least_m) & (near_m < most_m) & (near_m < told[ray]))
@@ -132,7 +132,7 @@ def _meet_cylinders(told: Floats, rays: Rays, cylinders: Floats, ray: NDArray[np
     np.minimum.at(told, ray[meets], enters[meets])
 
 
-def _pairs(
+def find_pairs(
     rays: Rays, cylinders: Floats, max_m: float, half_beam_rad: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
     """Indices of cylinders and of rays (layer by layer) that may meet, and from what distance on.

@@ -12,6 +12,7 @@ from mission.document.model import Mission
 from sim_bridge.drive import fly
 from sim_bridge.drive.entrant.stages import BY_OURS, Entrant
 from sim_bridge.judge import estimate_recorder
+from sim_bridge.judge.metrics import stems
 from sim_bridge.judge.outcome import Outcome
 from sim_bridge.judge.progress import Progress
 from sim_bridge.lab.study.backends.base import FlightBackend
@@ -53,6 +54,7 @@ def _fly_to_figures(mission: Mission, entrant: Entrant, *, on_jsbsim: bool) -> d
     outcome = fly_stack(mission, None, on_jsbsim=on_jsbsim, entrant=entrant)
     names = ("ended", "verdict", "grade", "trace_hash", *estimate_recorder.definitions())
     kept = {name: outcome.summary[name] for name in names}
+    kept |= {name: outcome.summary[name] for name in stems.definitions() if name in outcome.summary}
     return outcome.metrics.as_dict() | kept | entrant.figures()
 
 

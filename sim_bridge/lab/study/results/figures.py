@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from sim_bridge.judge import estimate_recorder, metrics
+from sim_bridge.judge.metrics import stems
 from sim_bridge.judge.metrics.figures import LESS, MORE, SHARE, Figure, Row
 
 CONFIDENCE: Final = 0.95
@@ -85,7 +86,24 @@ _RECORDED: Final = tuple(
     Figure(name, "m/s" if name.endswith("_mps") else "m" if name.endswith("_m") else "", text, better=LESS)
     for name, text in estimate_recorder.definitions().items()
 )
-FLIGHT: Final = (*(figure for figure in metrics.FIGURES if figure.better is not None), *_OF_STUDIES, *_RECORDED)
+_BETTER_OF_SURVEYS: Final = {  # a bias and counts have no better end
+    "stems_found_share": MORE,
+    "stems_false_share": LESS,
+    "stems_dbh_rmse_m": LESS,
+    "stems_dbh_within_share": MORE,
+    "stems_position_rmse_m": LESS,
+    "stems_relative_rmse_m": LESS,
+}
+_SURVEYED: Final = tuple(  # in missions with [survey]
+    Figure(name, "m" if name.endswith("_m") else "", stems.definitions()[name], better=better)
+    for name, better in _BETTER_OF_SURVEYS.items()
+)
+FLIGHT: Final = (
+    *(figure for figure in metrics.FIGURES if figure.better is not None),
+    *_OF_STUDIES,
+    *_RECORDED,
+    *_SURVEYED,
+)
 ESTIMATOR: Final = (
     Figure(
         "rmse_m",

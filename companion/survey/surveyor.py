@@ -1,0 +1,185 @@
+"""One vehicle's survey: scans and poses in, records of stems and of its way out."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterator
+from typing import Final
+
+from companion.core.model.events import LidarScan
+from companion.core.perception.landmarks.scan_pose import ScanPose
+from companion.survey.alignment import JointFit, ScanCorrections
+from companion.survey.grading import grade_fit
+from companion.survey.ground import GROUND_SD_M
+from companion.survey.observation import STEM_KIND, Grade, StemObservation, encode
+from companion.survey.rays import STEMS_MAX, Band, RayCollector
+from companion.survey.stem_fit import LEAST_RAYS, StemFit
+from companion.survey.stem_rays import StemRays
+from companion.survey.taper import Taper, is_at_breast_height
+from companion.survey.track import TRACK_KIND, TrackPoint, encode_track
+from mission.document.model import Mission
+from mission.rules.survey_rules import cut_distances_m
+from mission.schema.kinds import RAW_LIDARS
+from mission.schema.trees import BREAST_HEIGHT_M
+
+TRACK_S: Final = 2.0
+ANCHOR_S: Final = 30.0  # of the slow mean between the odometry's frame and the mission's: satellites wander faster
+POSE_SD_M: Final = 0.02  # of the own motion during a pass
+LEVEL_BAND_M: Final = 0.6  # above and below a lidar of one layer: it leans by 5 degrees, 0.6 m at 7 m
+BREAST_BAND_M: Final = 0.8  # above and below breast height
+# Of the height of a level cut above the ground at the stem: a barometer's, and ground that is not that of the origin
+FLIGHT_HEIGHT_SD_M: Final = 0.7
+LIDAR_HEIGHT_SD_M: Final = 0.3  # of a lidar above the point that the autopilot's height is of
+QUEUE_MAX: Final = 2 * STEMS_MAX
+BATCH: Final = 5  # so many stems that have been passed are fitted together, with all that are in sight
+WAITS_S: Final = 6.0  # or fewer, when the first has waited for so long
+CONTEXT_RAYS: Final = 60  # a stem in sight with fewer aligns nothing
+CONTEXT_MAX: Final = 12
+SD_MAX_M: Final = 1.0  # of a diameter: a fit that tells nothing
+STEPS_LANDED: Final = 400  # a tick: on the ground nothing waits
+
+
+class Surveyor:
+    """`integrate` each piece of a scan, then `take_records` once a tick; one fit a tick at most."""
+
+    def __init__(self, mission: Mission, vehicle_id: int) -> None:
+        """ValueError when the mission has no [survey]."""
+        survey, sensing = mission.survey, mission.sensing
+        if survey is None or sensing is None:
+            raise ValueError("the mission has no [survey]")
+        self._vehicle_id: Final = vehicle_id
+        self._lidar: Final = RAW_LIDARS[sensing.sensor]
+        self._dbh_min_m: Final = survey.dbh_min_m
+        self._reach_m: Final = min(survey.reach_m, sensing.range_m)
+        self._taper: Final = Taper(survey.taper_cm_per_m / 100.0, survey.taper_sd_cm_per_m / 100.0)
+        self._cuts_breast: Final = cut_distances_m(mission) is not None
+        if self._cuts_breast:
+            band = Band(BREAST_HEIGHT_M - BREAST_BAND_M, BREAST_HEIGHT_M + BREAST_BAND_M, by_eye=False)
+        else:
+            band = Band(-LEVEL_BAND_M, LEVEL_BAND_M, by_eye=True)
+        self.collector: Final = RayCollector(band, self._reach_m)
+        self._passed: deque[StemRays] = deque(maxlen=QUEUE_MAX)  # the oldest go, unmeasured: a fit has no time limit
+        self._waits_since_s: float | None = None
+        self._corrections: Final = ScanCorrections()
+        self._work: Iterator[list[StemObservation]] | None = None  # the batch that is being fitted
+        self._anchor_ne_m: tuple[float, float] | None = None  # mission's frame less the odometry's, slowly
+        self._tracked_s = -math.inf
+        self._ticked_s: float | None = None
+
+    def integrate(self, scan: LidarScan, pose: ScanPose, now_s: float) -> None:
+        """A piece of a scan, and the pose of its tick."""
+        self.collector.integrate(scan, pose, now_s)
+
+    def take_records(self, pose: ScanPose | None, now_s: float) -> list[tuple[int, bytes]]:
+        """Once a tick: kinds and bodies of records that are finished."""
+        found: list[tuple[int, bytes]] = []
+        if pose is not None:
+            self._follow_frame(pose, now_s)
+            if pose.airborne and now_s - self._tracked_s >= TRACK_S:
+                self._tracked_s = now_s
+                found.append((TRACK_KIND, encode_track(self._track_point(pose, now_s))))
+        self._passed.extend(self.collector.take_passed(now_s, pose))
+        landed = pose is None or not pose.airborne
+        for _ in range(STEPS_LANDED if landed else 1):
+            if self._work is None and self._is_due(now_s, landed=landed):
+                self._work = self._fit_batch()
+            if self._work is None:
+                break
+            measured = next(self._work, None)
+            if measured is None:
+                self._work = None
+            else:
+                found += [(STEM_KIND, encode(observation)) for observation in measured]
+        return found
+
+    # --- inside ---
+
+    def _follow_frame(self, pose: ScanPose, now_s: float) -> None:
+        """The odometry does not jump and the satellites do not drift: the mean of what is between tells both."""
+        since_s = 0.0 if self._ticked_s is None else now_s - self._ticked_s
+        self._ticked_s = now_s
+        anchor, told = self._anchor_ne_m, pose.to_mission_ne_m
+        if anchor is None or not pose.airborne:
+            self._anchor_ne_m = told
+            return
+        share = -math.expm1(-max(0.0, since_s) / ANCHOR_S)
+        self._anchor_ne_m = (anchor[0] + share * (told[0] - anchor[0]), anchor[1] + share * (told[1] - anchor[1]))
+
+    def _track_point(self, pose: ScanPose, now_s: float) -> TrackPoint:
+        anchor = self._anchor_ne_m or (0.0, 0.0)
+        north_m, east_m = pose.pos_ned_m[0] + anchor[0], pose.pos_ned_m[1] + anchor[1]
+        return TrackPoint(self._vehicle_id, now_s, north_m, east_m, pose.frame_sd_m, self._reach_m)
+
+    def _is_due(self, now_s: float, *, landed: bool) -> bool:
+        """Stems wait that are to be fitted now."""
+        if not self._passed:
+            self._waits_since_s = None
+            return False
+        if self._waits_since_s is None:
+            self._waits_since_s = now_s
+        return landed or len(self._passed) >= BATCH or now_s - self._waits_since_s >= WAITS_S
+
+    def _fit_batch(self) -> Iterator[list[StemObservation]]:
+        """Fits those that wait, step by step; the last step has what was measured."""
+        passed = [stem for stem in self._passed if stem.count >= LEAST_RAYS]
+        self._passed.clear()
+        context = [stem for stem in self.collector.stems if stem.count >= CONTEXT_RAYS][:CONTEXT_MAX]
+        cuts = [self._cut_of(stem) for stem in (*passed, *context)]
+        stems = [(stem, cut[0]) for stem, cut in zip((*passed, *context), cuts, strict=True)]
+        frames, frame = self.collector.frames, self.collector.frame
+        joint = JointFit(stems, self._lidar, self._taper.per_m, self._corrections, frames, frame)
+        for _ in joint.steps():
+            yield []
+        measured = [
+            self._observe_stem(stem, fit, cuts[k])
+            for k, stem in enumerate(passed)
+            if (fit := joint.fit_of(k)) is not None
+        ]
+        yield [observation for observation in measured if observation is not None]
+
+    def _observe_stem(self, stem: StemRays, fit: StemFit, cut: tuple[float, float, float]) -> StemObservation | None:
+        """A stem that was fitted; None: it is thinner than asked for, or nothing is known of it."""
+        _, cut_up_m, cut_sd_m = cut
+        dbh_m, dbh_sd_m = self._taper.at_breast_height(fit.diameter_m, fit.diameter_sd_m, cut_up_m, cut_sd_m)
+        if dbh_m < self._dbh_min_m or not fit.diameter_sd_m < SD_MAX_M:
+            return None
+        measured = is_at_breast_height(cut_up_m)
+        grade, reason = grade_fit(fit, dbh_sd_m)
+        if grade is Grade.GOOD and not measured:
+            grade, reason = Grade.FAIR, f"by taper from {cut_up_m:.1f} m"
+        anchor = self._anchor_ne_m or (0.0, 0.0)
+        return StemObservation(
+            vehicle_id=self._vehicle_id,
+            first_s=stem.born_s,
+            last_s=max(stem.born_s, stem.ray_s),
+            north_m=fit.north_m + anchor[0],
+            east_m=fit.east_m + anchor[1],
+            position_sd_m=math.hypot(fit.position_sd_m, POSE_SD_M),
+            frame_sd_m=stem.frame_sd_m,
+            cut_up_m=cut_up_m,
+            diameter_m=fit.diameter_m,
+            diameter_sd_m=fit.diameter_sd_m,
+            dbh_m=dbh_m,
+            dbh_sd_m=dbh_sd_m,
+            is_dbh_measured=measured,
+            lean_rad=fit.lean_rad,
+            arc_share=fit.arc_share,
+            rays=fit.rays,
+            grade=grade,
+            reason=reason,
+        )
+
+    def _cut_of(self, stem: StemRays) -> tuple[float, float, float]:
+        """Height of the cut as its rays have it; the same above the ground at the stem; the error of that."""
+        heights = sorted(stem.rays[2::8])
+        middle_m = heights[len(heights) // 2]
+        if not self._cuts_breast:
+            return middle_m, middle_m, math.hypot(FLIGHT_HEIGHT_SD_M, LIDAR_HEIGHT_SD_M)
+        ground_m = self.collector.ground.height_up_m(stem.north_m, stem.east_m)
+        if ground_m is None:
+            ground_m = stem.ground_up_m
+        if ground_m is None:
+            return middle_m, middle_m, math.hypot(FLIGHT_HEIGHT_SD_M, LIDAR_HEIGHT_SD_M)
+        nearest_m = min(max(BREAST_HEIGHT_M, heights[0] - ground_m), heights[-1] - ground_m)
+        return ground_m + nearest_m, nearest_m, GROUND_SD_M

@@ -1,0 +1,96 @@
+"""A survey gets the lidar's pieces with the tick's pose, and the records get its finds; without, nothing changes."""
+
+from __future__ import annotations
+
+from companion.core.model.events import LidarScan
+from companion.core.perception.landmarks.scan_pose import ScanPose
+from companion.mavlink import dialect
+from companion.mavlink.endpoint import Endpoint
+from companion.mavlink.framing import wire
+from companion.mavlink.lidar_scan import LIDAR_SCAN_ID, encode_lidar_scan
+from companion.sensors.table import sensors_of
+from tests.unit.core.core_kit import mission
+from tests.unit.mavlink.endpoint_kit import HOME, ME, heartbeat, packed, position
+
+FLOWN = mission(sensing={"sensor": "scan-1deg"}, survey={})
+ATTITUDE = dialect.MAVLink_attitude_message(0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0)
+
+
+class Listening:
+    """A survey that notes what it is given, and finds one thing a tick."""
+
+    def __init__(self) -> None:
+        self.scans: list[tuple[LidarScan, ScanPose, float]] = []
+
+    def integrate(self, scan: LidarScan, pose: ScanPose, now_s: float) -> None:
+        self.scans.append((scan, pose, now_s))
+
+    def take_records(self, pose: ScanPose | None, now_s: float) -> list[tuple[int, bytes]]:
+        return [(1, f"{pose is not None} {now_s}".encode())]
+
+
+class Kept:
+    def __init__(self) -> None:
+        self.bodies: list[tuple[int, bytes, float]] = []
+
+    def append(self, kind: int, body: bytes, now_s: float) -> None:
+        self.bodies.append((kind, body, now_s))
+
+    def receive(self, _frame: bytes, _now_s: float) -> bool:
+        return False
+
+    def frames(self, _now_s: float, _beacon_bytes: int) -> list[tuple[int, bytes]]:
+        return []
+
+    def lines(self) -> list[str]:
+        return []
+
+
+def piece() -> bytes:
+    payload = encode_lidar_scan(
+        time_us=10,
+        ray_time_s=0.0,
+        first_bearing_deg=0.0,
+        bearing_step_deg=1.0,
+        elevation_deg=0.0,
+        min_m=0.1,
+        max_m=12.0,
+        turn=1,
+        ranges_mm=[4000] * 90,
+    )
+    return wire.Sender(ME, 196).frame(LIDAR_SCAN_ID, payload)
+
+
+def hand_over(one: Endpoint) -> None:
+    one.from_autopilot(packed(HOME, position(), heartbeat(), ATTITUDE), 1.0)
+    one.from_sensor(piece(), 1.0)
+
+
+def test_pieces_reach_the_survey_with_the_pose_and_its_records_are_kept() -> None:
+    survey, kept = Listening(), Kept()
+    one = Endpoint(FLOWN, ME, sensors=sensors_of(FLOWN), survey=survey, records=kept)
+    hand_over(one)
+    one.tick(1.0)
+    ((scan, pose, now_s),) = survey.scans
+    assert len(scan.ranges_m) == 90
+    assert pose.pos_ned_m[2] == -8.0
+    assert now_s == 1.0
+    assert kept.bodies == [(1, b"True 1.0", 1.0)]
+
+
+def test_without_a_position_nothing_is_placed() -> None:
+    survey, kept = Listening(), Kept()
+    one = Endpoint(FLOWN, ME, sensors=sensors_of(FLOWN), survey=survey, records=kept)
+    one.from_autopilot(packed(ATTITUDE), 1.0)
+    one.from_sensor(piece(), 1.0)
+    one.tick(1.0)
+    assert survey.scans == []
+    assert kept.bodies == [(1, b"False 1.0", 1.0)]
+
+
+def test_an_endpoint_flies_the_same_with_a_survey_and_without() -> None:
+    plain = Endpoint(FLOWN, ME, sensors=sensors_of(FLOWN))
+    surveying = Endpoint(FLOWN, ME, sensors=sensors_of(FLOWN), survey=Listening())
+    hand_over(plain)
+    hand_over(surveying)
+    assert plain.tick(1.0) == surveying.tick(1.0)
