@@ -12,6 +12,7 @@ from companion import help_texts
 from companion.lidar.options import MODEL_NAMES, RAW_NAMES, parse_band, parse_mask
 from companion.sensor_options import add_sensor_options
 from companion.shell.urls import AUTOPILOT_SCHEMES, HEARING_SCHEMES, PEERS_SCHEMES, Scheme, Url, UrlError, parse_url
+from companion.stand.form_height import FORM_HEIGHT_M
 from companion.watch.address import PORT, address_of
 from mission import __version__
 from mission.common.compiled import STATE
@@ -84,6 +85,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_doctor(commands)
     _add_watch(commands)
     _add_lidar(commands)
+    _add_stand(commands)
     return parser
 
 
@@ -218,6 +220,29 @@ def _add_lidar(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
 
 
+def _add_stand(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    stand = commands.add_parser(
+        "stand",
+        help="make stem map, stand table and report from surveyed records",
+        description=help_texts.STAND,
+        epilog=help_texts.STAND_MORE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    stand.add_argument(
+        "records", metavar="RECORDS", help="store of records (SQLite) of the vehicles or the base station"
+    )
+    stand.add_argument("--mission", required=True, metavar="FILE", help="mission file (TOML) that was flown")
+    stand.add_argument("--out", required=True, metavar="DIR", help="folder for the files; it is made")
+    stand.add_argument(
+        "--form-height-m",
+        type=_form_height_m,
+        default=FORM_HEIGHT_M,
+        metavar="M",
+        help=f"volume over basal area of this stand, from your tables (default: {FORM_HEIGHT_M:.1f}, Denzin's)",
+    )
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code (SystemExit for --help, --version and wrong usage)."""
     for stream in (sys.stdout, sys.stderr):
@@ -233,6 +258,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         from companion.watch.command import watch
 
         return watch(arguments)
+    if arguments.command == "stand":
+        from companion.stand.command import stand
+
+        return stand(arguments)
     if arguments.command == "lidar":
         from companion.lidar.command import read_lidar
 
@@ -252,6 +281,16 @@ def _vehicle_id(text: str) -> int:
         raise argparse.ArgumentTypeError(
             f"{printable(text)!r} is no vehicle id: 1 to 250 (set UNDERSTORY_ID in /etc/understory/companion.env)"
         ) from None
+
+
+def _form_height_m(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 1.0 <= value <= 60.0:
+        raise argparse.ArgumentTypeError(f"{printable(text)!r}: must be from 1 to 60 m")
+    return value
 
 
 def _url(allowed: frozenset[Scheme]) -> Callable[[str], Url]:
