@@ -19,7 +19,7 @@ import numpy as np
 
 from companion.core.model.states import SwarmPhase
 from sim_bridge.judge.progress import Progress
-from tests.bench import bad_radio, encounters, hashes, layers, own_motion, speed, trunks
+from tests.bench import bad_radio, encounters, hashes, layers, own_motion, speed, stand_figures, trunks
 from tests.bench.agent import agent
 from tests.bench.election import Course, Lied, all_lied, courses
 from tests.bench.flights import SEEDS, leader_killed, lone_tree, paper, quick_start
@@ -45,6 +45,7 @@ PROGRAMS = {
     "hashes": hashes.main,
     "layers": layers.main,
     "own-motion": own_motion.main,
+    "stand-figures": stand_figures.main,
     "trunks": trunks.main,
 }
 
@@ -295,6 +296,7 @@ ABOUT = {
     "planted-defects": "after how many flights sim-bridge search finds a defect that is put into a copy",
     "encounters": "two vehicles that do not hear each other meet: how near they come: see encounters --help",
     "own-motion": "errors of velocity, heading and place by scans beside the reported ones: see own-motion --help",
+    "stand-figures": "a stand's figures of drawn and real stands against the truth: see stand-figures --help",
     "trunks": "contacts with trunks by estimates as recorded, by class of sensor: see trunks --help",
     "bad-radio": "beacons lost, late or cut off: what is said, who counts as silent: see bad-radio --help",
     "layers": "parts that do not hear each other, with layers of height and without: see layers --help",

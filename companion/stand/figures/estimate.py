@@ -25,6 +25,7 @@ from companion.survey.observation import Grade
 from mission.common.plane import Point, area_m2
 
 DBH_MIN_M: Final = 0.10  # stems that are counted: from 10 cm, as many inventories have it
+LIMIT_BAND_M: Final = 0.02  # on both sides of it, to see how many stems stand there
 CLASS_M: Final = 0.05  # of diameters
 FOUND_MIN: Final = 0.5  # ground is seen where a stem would have been found more likely than not: weights are 2 at most
 LOOKS_MIN: Final = 2  # and it was looked at so often: single looks do not tell how many stems they miss
@@ -94,7 +95,8 @@ def figures_of(
         return SeenGround(None, grid, is_seen)
     own = scores(fit, sighted, is_found)
     sample = sample_of(stems, places_m, kept, (sighted, fit, own), (grid.middle_m[is_seen], grid.cell_m), area_m)
-    return SeenGround(_figures(sample, area_m, form_height_m), grid, is_seen)
+    thin = _at_limit([s for s in fusion.stems if s.is_counted])
+    return SeenGround(_figures(sample, thin, area_m, form_height_m), grid, is_seen)
 
 
 def _found(looks: Looks, stems: Sequence[FusedStem], harvest: Harvest, fusion: Fusion) -> npt.NDArray[np.bool_]:
@@ -118,7 +120,19 @@ def _found(looks: Looks, stems: Sequence[FusedStem], harvest: Harvest, fusion: F
     )
 
 
-def _figures(sample: Sample, area_m: Sequence[Point] | None, form_height_m: float) -> StandFigures:
+def _at_limit(stems: Sequence[FusedStem]) -> tuple[float, float]:
+    """Stems that an error of all diameters would bring over DBH_MIN_M, per metre of it, and the standard deviation of
+    those that errors of their own do: both over the number of stems."""
+    d_m, sd_m = np.asarray([s.dbh_m for s in stems]), np.asarray([s.dbh_sd_m for s in stems])
+    count = max(1, int((d_m >= DBH_MIN_M).sum()))
+    near = float((np.abs(d_m - DBH_MIN_M) < LIMIT_BAND_M).sum()) / (2.0 * LIMIT_BAND_M)
+    above = stats.norm.cdf((d_m - DBH_MIN_M) / sd_m)
+    return near / count, float(np.sqrt((above * (1.0 - above)).sum())) / count
+
+
+def _figures(
+    sample: Sample, at_limit: tuple[float, float], area_m: Sequence[Point] | None, form_height_m: float
+) -> StandFigures:
     d_m, count = sample.dbh_m, len(sample.dbh_m)
     weights, ha = sample.weights, sample.ha
     total = np.maximum(weights.sum(axis=1), 1e-12)
@@ -130,7 +144,7 @@ def _figures(sample: Sample, area_m: Sequence[Point] | None, form_height_m: floa
     common_m = math.hypot(COMMON_SD_M, taper_m)
     interval = intervals_of(sample)
     n, g, q_m = float(total[0]), max(float(basal[0]), 1e-12), float(quadratic_m[0])
-    number = Influence(np.full(count, 1.0 / n), np.zeros(count), 0.0)
+    number = Influence(np.full(count, 1.0 / n), np.zeros(count), common_m * at_limit[0], at_limit[1])
     area = Influence(squares / g, np.pi / 2.0 * d_m / g, 2.0 * common_m / q_m)
     mean = Influence((d_m - mean_m[0]) / n * 100.0, np.full(count, 100.0 / n), 100.0 * common_m)
     quadratic = Influence((squares - g / n) * 200.0 / (np.pi * q_m * n), d_m * 100.0 / (q_m * n), 100.0 * common_m)

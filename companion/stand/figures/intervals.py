@@ -6,7 +6,7 @@ first order (the jackknife for blocks of unequal size; Busing, Meijer & van der 
 unequal m", Statistics and Computing 9, 3-8), and the variance counts by the share that was not seen (the finite
 population correction; Cochran 1977, "Sampling Techniques", chapter 2). On all ground counts: that stems were not found,
 and how uncertain the detection is; errors of the diameters, each stem's own and what all have in common; stems that
-fusion took for two, or two for one; and stems at the edge, which an error of position moves in or out.
+fusion took for two, or two for one; stems at the edge, which an error of position moves in or out.
 """
 
 from __future__ import annotations
@@ -45,12 +45,13 @@ class Estimate(NamedTuple):
 
 
 class Influence(NamedTuple):
-    """Changes of a figure (of a relative one, of its logarithm) with each stem's weight, and with each's diameter; and
-    the standard deviation of what all have in common."""
+    """Changes of a figure (of a relative one, of its logarithm) with each stem's weight, and with each's diameter; the
+    standard deviation of what all have in common; and that of what is of no single stem."""
 
     of_weight: Floats
     of_dbh_per_m: Floats
     common_sd: float
+    other_sd: float = 0.0
 
 
 class IntervalOf(Protocol):
@@ -157,7 +158,8 @@ def _measured_variance(sample: Sample, detection: Floats, influence: Influence) 
     diameters = float(((weight * influence.of_dbh_per_m * sample.dbh_sd_m) ** 2).sum())
     fusion = (FUSION_SD * len(weight)) ** 2 * float(np.mean(squares)) if len(weight) else 0.0
     edge = sample.edge_stems * float(np.mean(squares)) if len(weight) else 0.0
-    return missed + diameters + fusion + edge + influence.common_sd**2 + float((detection**2).sum())
+    rest = influence.common_sd**2 + influence.other_sd**2
+    return missed + diameters + fusion + edge + rest + float((detection**2).sum())
 
 
 def _jackknife_variance(replicates: Floats, share: Floats) -> float:

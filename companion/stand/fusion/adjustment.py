@@ -16,9 +16,8 @@ from typing import Any, Final
 import numpy as np
 from scipy import linalg, sparse
 
-from companion.stand.fusion.windows import Columns, Floats, Ints
+from companion.stand.fusion.windows import CORRELATION_S, Columns, Floats, Ints
 
-CORRELATION_S: Final = 60.0  # multipath under a canopy and drift between corrections: a minute or so
 HUBER: Final = 2.5  # standard deviations; of good observations in a plane 4 % are beyond
 REWEIGHTINGS: Final = 3
 LEAST_VARIANCE: Final = 1e-9  # m2

@@ -11,10 +11,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from companion.stand.fusion.adjustment import CORRELATION_S, Solution, knots_of, solve_positions
+from companion.stand.fusion.adjustment import Solution, knots_of, solve_positions
 from companion.stand.fusion.clusters import Clusters
 from companion.stand.fusion.register import register_window
-from companion.stand.fusion.windows import Columns, Floats, Ints, knot_spacing_s, windows_of
+from companion.stand.fusion.windows import CORRELATION_S, Columns, Floats, Ints, knot_spacing_s, windows_of
 
 MAX_ROUNDS: Final = 8  # of assignment and adjustment: three or four do
 START_SD_M: Final = 0.15  # of an observation, besides, before frames are adjusted
@@ -31,7 +31,7 @@ class Association(NamedTuple):
 def associate_observations(columns: Columns) -> Association:
     """Of one observation at least."""
     spacing_s = knot_spacing_s(columns)
-    windows = windows_of(columns, spacing_s)
+    windows = windows_of(columns)
     stems = Clusters(columns)
     _start(columns, windows, stems)
     knots = knots_of(columns, spacing_s)

@@ -12,9 +12,9 @@ from scipy.spatial import cKDTree
 from companion.stand.fusion.register import KnownStems
 from companion.stand.fusion.windows import Columns, Floats, Ints
 
-DENSITY_PER_M2: Final = 0.1  # of stems at random: 1000/ha, a dense stand
+DENSITY_PER_M2: Final = 0.03  # of stems that stand near another one: 300/ha, fewer than at random in a dense stand
 DBH_SPREAD_M: Final = 0.1  # of a stand's diameters: how much a fitting one tells
-OUTLIERS: Final = 0.05  # share of diameters that are wrong by more than their error says
+OUTLIERS: Final = 0.1  # share of diameters that are wrong by more than their error says
 MODEL_SD_M: Final = 0.05  # of a stem's axis between passes: lean and taper, cut at another height and side
 DBH_MODEL_SD_M: Final = 0.01  # of a diameter from another side: no trunk is round
 REACH_MAX_M: Final = 3.0  # of a position after adjustment; what is more uncertain finds only nearer partners
