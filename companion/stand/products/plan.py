@@ -15,6 +15,7 @@ from companion.survey.observation import Grade
 from mission.common.plane import Point
 
 EDGE_M: Final = 4.0
+STRIP: Final = 0.06  # of its width, below the ground: scale bar and north arrow
 SHOWN: Final = 0.012  # of the plan's width: what the mean diameter is drawn at, or small stems would not be seen
 SCALES_M: Final = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1_000.0, 2_000.0, 5_000.0)
 MAX_RECTANGLES: Final = 20_000  # of ground seen; more are not drawn singly
@@ -37,14 +38,16 @@ def drawn_plan(
         return None
     west, south = (min(p[k] for p in places) - EDGE_M for k in (0, 1))
     east, north = (max(p[k] for p in places) + EDGE_M for k in (0, 1))
-    wide_m, high_m = east - west, north - south
+    wide_m = east - west
+    south -= STRIP * wide_m
+    high_m = north - south
     times = _magnification(stems, wide_m)
     parts = [f'<g class="seen">{"".join(_rectangles(ground))}</g>']
     if area_m:
         path = " ".join(f"{e:.2f},{-n:.2f}" for e, n in area_m)
         parts.append(f'<polygon class="area" points="{path}" stroke-width="{0.003 * wide_m:.2f}"/>')
     parts += [_circle(stem, times) for stem in sorted(stems, key=lambda s: -s.dbh_m)]
-    parts += _furniture(west, south, east, north)
+    parts += _furniture(west, south, east)
     box = f"{west:.2f} {-north:.2f} {wide_m:.2f} {high_m:.2f}"
     about = f"{escape(title)}. Stems are drawn {times:g} times as thick as they are."
     head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{box}" role="img" aria-label="{about}">'
@@ -83,16 +86,14 @@ def _rectangles(ground: SeenGround) -> Iterator[str]:
             yield f'<rect x="{east_m:.2f}" y="{-(north_m + cell_m):.2f}" {size}/>'
 
 
-def _furniture(west: float, south: float, east: float, north: float) -> Iterator[str]:
+def _furniture(west: float, south: float, east: float) -> Iterator[str]:
     """A scale bar of about a fifth of the width, and a north arrow."""
     wide_m = east - west
     length_m = min(SCALES_M, key=lambda scale_m: abs(math.log(scale_m / (0.2 * wide_m))))
     size, left, base = 0.022 * wide_m, west + 0.02 * wide_m, -south - 0.02 * wide_m
     yield f'<rect class="ink" x="{left:.2f}" y="{base:.2f}" width="{length_m:g}" height="{0.005 * wide_m:.2f}"/>'
     yield f'<text class="ink" x="{left:.2f}" y="{base - 0.4 * size:.2f}" font-size="{size:.2f}">{length_m:g} m</text>'
-    x, y = east - 0.04 * wide_m, -north + 0.02 * wide_m
-    arrow = f"{x:.2f},{y:.2f} {x + 0.5 * size:.2f},{y + 1.6 * size:.2f} {x - 0.5 * size:.2f},{y + 1.6 * size:.2f}"
+    x, y = east - 0.06 * wide_m, -south - 0.058 * wide_m
+    arrow = f"{x:.2f},{y:.2f} {x + 0.4 * size:.2f},{y + 2.2 * size:.2f} {x - 0.4 * size:.2f},{y + 2.2 * size:.2f}"
     yield f'<polygon class="ink" points="{arrow}"/>'
-    yield (
-        f'<text class="ink" x="{x:.2f}" y="{y + 2.8 * size:.2f}" font-size="{size:.2f}" text-anchor="middle">N</text>'
-    )
+    yield f'<text class="ink" x="{x + 0.7 * size:.2f}" y="{y + 1.8 * size:.2f}" font-size="{size:.2f}">N</text>'
