@@ -17,6 +17,7 @@ from companion.watch.address import PORT, address_of
 from mission import __version__
 from mission.common.compiled import STATE
 from mission.common.completion import add_print_completion
+from mission.common.exit_codes import EXIT_ENVIRONMENT
 from mission.common.problems import printable
 
 
@@ -259,9 +260,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         return watch(arguments)
     if arguments.command == "stand":
-        from companion.stand.command import stand
-
-        return stand(arguments)
+        return _make_stand(arguments)
     if arguments.command == "lidar":
         from companion.lidar.command import read_lidar
 
@@ -281,6 +280,17 @@ def _vehicle_id(text: str) -> int:
         raise argparse.ArgumentTypeError(
             f"{printable(text)!r} is no vehicle id: 1 to 250 (set UNDERSTORY_ID in /etc/understory/companion.env)"
         ) from None
+
+
+def _make_stand(arguments: argparse.Namespace) -> int:
+    try:
+        from companion.stand.command import stand
+    except ModuleNotFoundError as error:  # vehicles do without numpy and scipy
+        print(
+            f"companion: stand needs {error.name}: install the extra `stand`, pip install '.[stand]'", file=sys.stderr
+        )
+        return EXIT_ENVIRONMENT
+    return stand(arguments)
 
 
 def _form_height_m(text: str) -> float:

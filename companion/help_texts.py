@@ -95,7 +95,8 @@ example:
 The same records give the same files, whichever order they came in. docs/how-to/read-the-stand-report.md says how to
 read them.
 
-exit codes: 0 written, 2 wrong usage, a bad mission or a bad store, 3 a file that cannot be written
+exit codes: 0 written, 2 wrong usage, a bad mission or a bad store, 3 a file that cannot be written, or numpy
+and scipy are not installed
 """
 
 LIDAR = """\

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import sqlite3
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from pathlib import Path
+from statistics import median
 from typing import Final, NamedTuple, Protocol
 
 from companion.survey.observation import STEM_KIND, StemObservation, decode
 from companion.survey.track import TRACK_KIND, TrackPoint, decode_track
 
 MAX_RECORDS: Final = 250_000  # 12 vehicles for an hour: 21,600 of the track, and 19 observations of each of 5,000 stems
+ASTRAY_M: Final = 3_000.0  # from the median of all positions: no swarm surveys so far apart
 Key = tuple[int, int, int]  # vehicle_id, log_id, number
 
 
@@ -62,7 +65,7 @@ class Harvest(NamedTuple):
 
     observations: tuple[KeyedObservation, ...]
     track: tuple[KeyedPoint, ...]
-    refused: int  # records of these kinds whose body is malformed
+    refused: int  # records of these kinds whose body is malformed, or whose position is none of this survey
     records: tuple[RecordLike, ...]  # all, of whatever kind
 
 
@@ -106,4 +109,16 @@ def harvest_of(records: Iterable[RecordLike]) -> Harvest:
             if point is not None:
                 points.append(KeyedPoint(key, point))
             refused += point is None
-    return Harvest(tuple(observations), tuple(points), refused, tuple(unique[key] for key in sorted(unique)))
+    near = _near_median([*(o.observation for o in observations), *(p.point for p in points)])
+    kept = tuple(o for o in observations if near(o.observation))
+    way = tuple(p for p in points if near(p.point))
+    refused += len(observations) - len(kept) + len(points) - len(way)
+    return Harvest(kept, way, refused, tuple(unique[key] for key in sorted(unique)))
+
+
+def _near_median(places: Sequence[StemObservation | TrackPoint]) -> Callable[[StemObservation | TrackPoint], bool]:
+    """Tells those that are not astray: one wild position would be most of the map."""
+    if not places:
+        return lambda _: True
+    north_m, east_m = median(p.north_m for p in places), median(p.east_m for p in places)
+    return lambda p: math.hypot(p.north_m - north_m, p.east_m - east_m) <= ASTRAY_M

@@ -18,7 +18,7 @@ from companion.stand.figures.estimate import DBH_MIN_M, StandFigures, figures_of
 from companion.stand.figures.intervals import M2_PER_HA, Estimate
 from companion.stand.fusion.fuse import fuse
 from companion.stand.records import harvest_of
-from tests.unit.stand.stand_kit import Survey, Trees, clustered_stand, records_of, regular_stand, rows_of
+from tests.unit.stand.stand_kit import Survey, Trees, clustered_stand, records_of, regular_stand, rows_of, tree_of
 
 SIDES_M = (80.0, 60.0)
 DENSITIES_PER_HA = (200.0, 300.0, 400.0, 500.0)
@@ -52,6 +52,9 @@ class Judged:
     basal_area: tuple[float, Estimate]
     dbh_mean_cm: tuple[float, Estimate]
     dbh_quadratic_mean_cm: tuple[float, Estimate]
+    observed: int  # trees that were observed
+    stems: int  # that fusion made of them
+    mixed: int  # stems of observations of more than one tree
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -59,9 +62,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.bench stand-figures", description=__doc__)
     parser.add_argument("--stands", type=int, default=96, metavar="N", help="drawn ones, besides the real ones (96)")
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED, metavar="K", help=f"({FIRST_SEED})")
+    parser.add_argument("--frame-sd-m", type=float, default=0.6, metavar="M", help="of the vehicles' positions (0.6)")
     args = parser.parse_args(argv)
-    judged = [j for k in range(args.stands) if (j := drawn(args.first_seed + k)) is not None]
-    real = [judge(f"real: {name}", args.first_seed, *found, 1.0) for name, found in real_stands().items()]
+    sd_m = args.frame_sd_m
+    judged = [j for k in range(args.stands) if (j := drawn(args.first_seed + k, frame_sd_m=sd_m)) is not None]
+    real = [
+        judge(f"real: {name}", args.first_seed, trees, sides_m, replace(survey, frame_sd_m=sd_m), 1.0)
+        for name, (trees, sides_m, survey) in real_stands().items()
+    ]
     judged += [j for j in real if j is not None]
     print("| case | figure | inside | bias % | sd % | half-width % | n |\n|---|---|---|---|---|---|---|")
     reached = True
@@ -70,16 +78,20 @@ def main(argv: Sequence[str] | None = None) -> int:
         for row, is_reached in rows(case or "all", own) if own else ():
             print(row)
             reached &= is_reached or case != ""
+    off = np.asarray([j.stems / j.observed - 1.0 for j in judged]) * 100.0
+    mixed = 100.0 * sum(j.mixed for j in judged) / sum(j.stems for j in judged)
+    spread = f"{off.mean():+.2f} % ({off.min():+.1f} to {off.max():+.1f})"
+    print(f"\nfusion, frame error {sd_m:g} m: stems over trees observed {spread}; {mixed:.2f} % of more than one tree")
     return 0 if reached else 1
 
 
-def drawn(seed: int) -> Judged | None:
+def drawn(seed: int, *, frame_sd_m: float = 0.6) -> Judged | None:
     """A stand by its seed: regular and clustered, four densities and all ways of surveying in turn."""
     make = (regular_stand, clustered_stand)[seed % 2]
     case = list(LIMIT)[seed % len(LIMIT)]
     trees = make(seed, DENSITIES_PER_HA[seed // 2 % 4], east_m=SIDES_M[0], north_m=SIDES_M[1])
     survey, share = LIMIT[case]
-    return judge(case, seed, trees, SIDES_M, survey, share)
+    return judge(case, seed, trees, SIDES_M, replace(survey, frame_sd_m=frame_sd_m), share)
 
 
 def judge(
@@ -92,12 +104,22 @@ def judge(
     harvest = harvest_of(records_of(trees, ways, survey))
     low, high = (edge_m, edge_m), (sides_m[0] - edge_m, sides_m[1] - edge_m)
     area = (low, (high[0], low[1]), high, (low[0], high[1]))
-    figures = figures_of(harvest, fuse(harvest.observations), area_m=area).figures
-    return None if figures is None else _judged(case, seed, trees, (low, high), figures)
+    fusion = fuse(harvest.observations)
+    figures = figures_of(harvest, fusion, area_m=area).figures
+    if figures is None:
+        return None
+    trees_of = [{tree_of(harvest.observations[i].observation) for i in stem.observed} for stem in fusion.stems]
+    counts = len(set().union(*trees_of)), len(trees_of), sum(len(found) > 1 for found in trees_of)
+    return _judged(case, seed, trees, (low, high), figures, counts)
 
 
 def _judged(
-    case: str, seed: int, trees: Trees, area: tuple[tuple[float, float], tuple[float, float]], figures: StandFigures
+    case: str,
+    seed: int,
+    trees: Trees,
+    area: tuple[tuple[float, float], tuple[float, float]],
+    figures: StandFigures,
+    counts: tuple[int, int, int],
 ) -> Judged:
     (west, south), (east, north) = area
     inside = (trees.east_m >= west) & (trees.east_m <= east) & (trees.dbh_m >= DBH_MIN_M)
@@ -110,6 +132,7 @@ def _judged(
         (float(np.sum(np.pi / 4.0 * d_m**2)) / ha, figures.basal_area_m2_per_ha),
         (100.0 * float(d_m.mean()), figures.dbh_mean_cm),
         (100.0 * float(np.sqrt((d_m**2).mean())), figures.dbh_quadratic_mean_cm),
+        *counts,
     )
 
 

@@ -45,7 +45,8 @@ class Sightings:
     def hazard(self, values: Floats) -> Floats:
         """Of each look."""
         near = self.points @ np.exp(np.clip(values[:RINGS], *LOG_HAZARD))
-        hazard: Floats = near * np.exp(values[RINGS] * self.log_size[self.place])
+        size = np.clip(values[RINGS] * self.log_size[self.place], *LOG_HAZARD)
+        hazard: Floats = near * np.exp(size)
         return np.minimum(hazard, HAZARD_MAX)
 
     def found(self, values: Floats) -> Floats:

@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 
 from companion.stand.fusion.fuse import Fusion
 from companion.stand.records import KeyedPoint
+from companion.survey.track import TrackPoint
 from mission.common.plane import Point
 
 Floats = npt.NDArray[np.float64]
@@ -25,6 +26,8 @@ Ints = npt.NDArray[np.int64]
 CELL_M: Final = 1.0  # a trunk's shadow is as wide within sight
 MAX_CELLS: Final = 400_000  # 40 ha; a survey that ranges farther has larger cells
 LOOK_GAP_S: Final = 10.0  # out of sight for so long: the next is another look
+KEPT_M: Final = 1.0  # nearer to the point before, a point of a track is left out,
+KEPT_S: Final = 8.0  # if it is not so much later: a look goes on while a vehicle hovers
 DIRECTIONS: Final = 360
 RINGS: Final = 5  # of distance: 0 to 0.2 of sight_m, and so on
 TRUNK_M: Final = 0.6  # beyond a trunk's face that is itself still in sight: its axis, and half of a cell
@@ -65,7 +68,11 @@ def track_of(points: Sequence[KeyedPoint], fusion: Fusion) -> Track:
     index = {log: k for k, log in enumerate(fusion.logs)}
     for unseen in sorted({p.key[:2] for p in points}):
         index.setdefault(unseen, len(index))
-    kept = sorted((p for p in points if p.point.range_m > 0.0), key=lambda p: (index[p.key[:2]], p.point.at_s, p.key))
+    told = sorted((p for p in points if p.point.range_m > 0.0), key=lambda p: (index[p.key[:2]], p.point.at_s, p.key))
+    kept: list[KeyedPoint] = []
+    for p in told:
+        if not kept or kept[-1].key[:2] != p.key[:2] or _is_apart(kept[-1].point, p.point):
+            kept.append(p)
     log = np.asarray([index[p.key[:2]] for p in kept], dtype=np.int64)
     time_s = np.asarray([p.point.at_s for p in kept])
     pos_m = np.asarray([(p.point.east_m, p.point.north_m) for p in kept]).reshape(-1, 2)
@@ -73,6 +80,12 @@ def track_of(points: Sequence[KeyedPoint], fusion: Fusion) -> Track:
         own = log == k
         pos_m[own] -= fusion.frames.errors_m(k, time_s[own])[:, ::-1]
     return Track(log, time_s, pos_m, np.asarray([p.point.range_m for p in kept]))
+
+
+def _is_apart(before: TrackPoint, point: TrackPoint) -> bool:
+    """True if it shows more than the one before: a vehicle that hovers sees the same again."""
+    moved_m = math.hypot(point.north_m - before.north_m, point.east_m - before.east_m)
+    return moved_m >= KEPT_M or point.at_s - before.at_s >= KEPT_S
 
 
 def grid_of(track: Track, area_m: Sequence[Point] | None) -> Grid:

@@ -76,6 +76,11 @@ def said(vehicle_id: int, *, north_m: float, east_m: float, dbh_m: float = 0.3, 
     )
 
 
+def tree_of(told: StemObservation) -> int:
+    """The tree that a simulated observation is of."""
+    return told.rays // 100
+
+
 def rows_of(low: tuple[float, float], high: tuple[float, float], survey: Survey) -> list[Floats]:
     """True places (east, north) of each vehicle every STEP_S: lanes along east, the vehicles abreast, to and fro."""
     (west, south), (east, north) = low, high

@@ -138,6 +138,13 @@ def test_a_place_that_was_out_of_sight_for_a_while_was_looked_at_twice() -> None
     assert looks.first_s.tolist() == [10.0, 40.0]
 
 
+def test_a_vehicle_that_hovers_does_not_look_ever_better() -> None:
+    way = track(*[(10.0 + 2.0 * k, 0.1 * (k % 2), 0.0) for k in range(60)])
+    looks = looks_at(np.asarray([(0.0, 5.0)]), way, np.zeros((0, 2)), np.zeros(0))
+    assert looks.points.sum(axis=1).tolist() == [15.0]  # one look, of a point every 8 s
+    assert looks.last_s - looks.first_s == pytest.approx(112.0)
+
+
 def test_the_grid_is_what_is_within_sight_and_in_the_area() -> None:
     way = track((10.0, 0.0, 0.0))
     assert len(grid_of(way, None).middle_m) == pytest.approx(math.pi * 100.0, rel=0.03)

@@ -12,10 +12,12 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from companion.stand.fusion import fuse as fuse_module
+from companion.stand.fusion import windows
 from companion.stand.fusion.fuse import TooManyError, fuse
 from companion.stand.records import StoredRecord, harvest_of
 from companion.survey.observation import STEM_KIND, Grade, StemObservation, decode, encode
-from tests.unit.stand.stand_kit import Survey, clustered_stand, records_of, regular_stand, rows_of, said
+from companion.survey.track import TRACK_KIND, TrackPoint, encode_track
+from tests.unit.stand.stand_kit import Survey, clustered_stand, records_of, regular_stand, rows_of, said, tree_of
 
 SIZE_M = (40.0, 30.0)
 
@@ -66,13 +68,8 @@ def test_frames_that_are_off_by_more_than_stems_are_apart_are_found_by_the_const
     survey = Survey(seed=seed, vehicles=5, frame_sd_m=1.0)
     harvest = surveyed(trees, survey)
     stems = fuse(harvest.observations).stems
-    seen = {stem_of(o) for o in harvest.observations}
+    seen = {tree_of(o.observation) for o in harvest.observations}
     assert abs(len(stems) - len(seen)) <= 0.03 * len(seen)
-
-
-def stem_of(keyed) -> int:
-    """The tree that a simulated observation is of: rays hold its index."""
-    return keyed.observation.rays // 100
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -80,7 +77,7 @@ def test_positions_and_diameters_are_as_far_off_as_their_errors_say(seed: int) -
     trees = regular_stand(seed, 400.0, east_m=SIZE_M[0], north_m=SIZE_M[1])
     harvest = surveyed(trees, Survey(seed=seed))
     stems = fuse(harvest.observations).stems
-    found = [(s, stem_of(harvest.observations[s.observed[0]])) for s in stems]
+    found = [(s, tree_of(harvest.observations[s.observed[0]].observation)) for s in stems]
     off_m = np.asarray([(s.east_m - trees.east_m[k], s.north_m - trees.north_m[k]) for s, k in found])
     told_m = np.asarray([s.position_sd_m for s, _ in found])
     within = np.hypot(*(off_m - off_m.mean(axis=0)).T)  # less what no vehicle knows: where all of them are
@@ -167,6 +164,31 @@ def test_clocks_that_say_nonsense_do_not_make_the_matrix_large() -> None:
     fusion = fused(wild)
     assert len(fusion.frames.knots.log) <= 2 * len(wild)
     assert len(fusion.stems) == len(wild)
+
+
+def test_a_position_far_from_all_others_is_left_out_and_counted() -> None:
+    told = [said(1, north_m=4.0 * k, east_m=3.0) for k in range(5)]
+    wild = replace(told[0], first_s=90.0, last_s=95.0, north_m=9e5)
+    records = [StoredRecord(1, 7, k, STEM_KIND, 0.0, encode(o)) for k, o in enumerate([*told, wild], start=1)]
+    records.append(StoredRecord(1, 7, 9, TRACK_KIND, 0.0, encode_track(TrackPoint(1, 10.0, -9e5, 0.0, 1.0, 8.0))))
+    harvest = harvest_of(records)
+    assert (len(harvest.observations), len(harvest.track), harvest.refused) == (5, 0, 2)
+
+
+def test_a_frame_error_that_is_unknown_spoils_nothing() -> None:
+    told = [said(v, north_m=4.0 * k, east_m=3.0, dbh_m=0.1 + 0.05 * k) for v in (1, 2) for k in range(6)]
+    lost = [replace(o, frame_sd_m=1e6) if o.vehicle_id == 2 else o for o in told]
+    stems = fused(lost).stems
+    assert len(stems) == 6
+    assert all(s.vehicles == (1, 2) and s.position_sd_m < 1.0 for s in stems)
+
+
+def test_a_long_survey_has_knots_farther_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(windows, "MAX_KNOTS", 8)
+    told = [said(1, north_m=4.0 * k, east_m=3.0, at_s=60.0 * k) for k in range(40)]
+    fusion = fused(told)
+    assert len(fusion.frames.knots.log) <= 8
+    assert len(fusion.stems) == len(told)
 
 
 def test_malformed_bodies_are_counted_and_left_out() -> None:

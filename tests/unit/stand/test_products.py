@@ -9,6 +9,7 @@ import random
 import re
 import sqlite3
 import struct
+import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -16,8 +17,9 @@ from pathlib import Path
 import pytest
 
 from companion.cli import main
+from companion.stand import records as records_module
 from companion.stand.products.write import write_products
-from companion.stand.records import StoredRecord, read_records
+from companion.stand.records import RecordsError, StoredRecord, read_records
 from companion.survey.observation import STEM_KIND, Grade, encode
 from mission.common.frames import LocalFrame, Wgs84
 from mission.document.model import Mission
@@ -298,6 +300,14 @@ def test_rows_that_are_no_records_are_refused(tmp_path: Path, capsys: pytest.Cap
     assert "is no record" in capsys.readouterr().err
 
 
+def test_a_store_of_more_records_than_the_bound_is_refused(
+    records, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(records_module, "MAX_RECORDS", 10)
+    with pytest.raises(RecordsError, match="more than 10 records"):
+        read_records(stored(records, tmp_path / "base.db"))
+
+
 def test_a_folder_that_cannot_be_made_is_named(records, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "m.toml").write_text(TEXT)
     (tmp_path / "out").write_text("a file")
@@ -305,6 +315,15 @@ def test_a_folder_that_cannot_be_made_is_named(records, tmp_path: Path, capsys: 
     arguments = ["--mission", str(tmp_path / "m.toml"), "--out", str(tmp_path / "out" / "stand")]
     assert main(["stand", str(store), *arguments]) == 3
     assert "out" in capsys.readouterr().err
+
+
+def test_without_scipy_it_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delitem(sys.modules, "companion.stand.command", raising=False)
+    monkeypatch.setitem(sys.modules, "companion.stand.products.write", None)
+    assert main(["stand", str(tmp_path / "a.db"), "--mission", "m.toml", "--out", str(tmp_path)]) == 3
+    assert "pip install '.[stand]'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("value", ["0", "nan", "many", "61"])
