@@ -28,7 +28,9 @@ DBH_MIN_M: Final = 0.10  # stems that are counted: from 10 cm, as many inventori
 LIMIT_BAND_M: Final = 0.02  # on both sides of it, to see how many stems stand there
 CLASS_M: Final = 0.05  # of diameters
 FOUND_MIN: Final = 0.5  # ground is seen where a stem would have been found more likely than not: weights are 2 at most
-LOOKS_MIN: Final = 2  # and it was looked at so often: single looks do not tell how many stems they miss
+REPEATED_MIN: Final = (
+    50  # stems looked at twice or more, from which ground looked at once counts too: fewer tell too little
+)
 SEEN_MIN_HA: Final = 0.03  # of less ground, or fewer stems, nothing is said
 STEMS_MIN: Final = 10
 COMMON_SD_M: Final = 0.003  # of all diameters: what a sensor of 0.5 cm bias at most may have, evenly between
@@ -86,8 +88,9 @@ def figures_of(
     ground = sightings_of(cells, np.full(len(grid.middle_m), DBH_REFERENCE_M))
     is_found = _found(looks, stems, harvest, fusion)
     fit = fit_detection(sighted, is_found)
-    is_seen = (ground.found(fit.values) >= FOUND_MIN) & (ground.looks >= LOOKS_MIN)
-    kept = (sighted.found(fit.values) >= FOUND_MIN) & (sighted.looks >= LOOKS_MIN)
+    looks_min = 1 if int((sighted.looks > 1).sum()) >= REPEATED_MIN else 2
+    is_seen = (ground.found(fit.values) >= FOUND_MIN) & (ground.looks >= looks_min)
+    kept = (sighted.found(fit.values) >= FOUND_MIN) & (sighted.looks >= looks_min)
     if area_m is not None:
         kept &= within_area(places_m, area_m)
     seen_ha = float(is_seen.sum()) * grid.cell_m**2 / M2_PER_HA

@@ -13,11 +13,13 @@ import numpy as np
 
 from companion.stand.fusion.adjustment import Solution, knots_of, solve_positions
 from companion.stand.fusion.clusters import Clusters
-from companion.stand.fusion.register import register_window
-from companion.stand.fusion.windows import CORRELATION_S, Columns, Floats, Ints, knot_spacing_s, windows_of
+from companion.stand.fusion.register import SPREAD_M, Constellation, register_stems
+from companion.stand.fusion.windows import CORRELATION_S, Columns, Ints, knot_spacing_s, windows_of
 
 MAX_ROUNDS: Final = 8  # of assignment and adjustment: three or four do
 START_SD_M: Final = 0.15  # of an observation, besides, before frames are adjusted
+WANDER: Final = 2.0**-0.5  # share of a frame's standard error that is not there from the start on
+COMMON_M: Final = 3.0  # so near before registration: perhaps the same stem
 
 
 class Association(NamedTuple):
@@ -53,21 +55,39 @@ def associate_observations(columns: Columns) -> Association:
 
 
 def _start(columns: Columns, windows: list[Ints], stems: Clusters) -> None:
-    """Each window registered with the stems of those before it, and assigned."""
-    last: dict[int, tuple[float, Floats, float]] = {}  # of each log: time, error and its sd
+    """Log by log, each where it fits best those before it; the next is the one that has most in common with them."""
+    of_log: dict[int, list[Ints]] = {}
     for window in windows:
-        log, time_s = int(columns.log[window[0]]), float(columns.time_s[window].mean())
-        frame_sd_m = float(np.median(columns.frame_sd_m[window]))
-        error_m, error_sd_m = np.zeros(2), frame_sd_m
-        if log in last:
-            then_s, then_m, then_sd_m = last[log]
-            decay = float(np.exp(-abs(time_s - then_s) / CORRELATION_S))
-            error_m = decay * then_m
-            error_sd_m = float(np.sqrt((decay * then_sd_m) ** 2 + frame_sd_m**2 * (1.0 - decay**2)))
+        of_log.setdefault(int(columns.log[window[0]]), []).append(window)
+    left = {log: np.concatenate(own) for log, own in sorted(of_log.items())}
+    while left:
+        known = stems.known()
+        common = {log: len(np.unique(known.pairs(columns.pos_m[own], COMMON_M)[0])) for log, own in left.items()}
+        log = max(left, key=lambda k: (common[k], len(left[k]), -k))
+        _start_log(columns, left.pop(log), of_log[log], stems)
+
+
+def _start_log(columns: Columns, own: Ints, windows: list[Ints], stems: Clusters) -> None:
+    """Registers a log as a whole, then its windows about that, and assigns them.
+
+    A window alone may fit a wrong constellation, and those after it follow; a whole log does not.
+    """
+    known = stems.known()
+    frame_sd_m = float(np.median(columns.frame_sd_m[own]))
+    wander_m = WANDER * frame_sd_m
+    whole = Constellation(columns.pos_m[own], columns.dbh_m[own], stems.dbh_sd_m[own])
+    usual_m = register_stems(whole, frame_sd_m, known, float(np.hypot(SPREAD_M, wander_m))).shift_m
+    last_s, error_m, sd_m = -np.inf, usual_m, wander_m
+    for window in windows:
+        time_s = float(columns.time_s[window].mean())
+        decay = float(np.exp(-(time_s - last_s) / CORRELATION_S))
+        error_m = usual_m + decay * (error_m - usual_m)
+        sd_m = float(np.sqrt((decay * sd_m) ** 2 + wander_m**2 * (1.0 - decay**2)))
         there_m = columns.pos_m[window] - error_m
         known = stems.known()
-        found = register_window(there_m, columns.dbh_m[window], stems.dbh_sd_m[window], error_sd_m, known)
-        last[log] = (time_s, error_m + found.shift_m, found.sd_m)
+        seen = Constellation(there_m, columns.dbh_m[window], stems.dbh_sd_m[window])
+        found = register_stems(seen, sd_m, known)
         stems.pos_m[window] = there_m - found.shift_m
         stems.sd_m[window] = np.sqrt(columns.position_sd_m[window] ** 2 + START_SD_M**2 + found.sd_m**2)
         stems.assign(window, known)
+        last_s, error_m, sd_m = time_s, error_m + found.shift_m, found.sd_m

@@ -21,6 +21,7 @@ SPREAD_M: Final = (
     0.25  # by which stems of one constellation may differ: their own errors, and the frame's within KNOT_S
 )
 REFINEMENTS: Final = 3
+TRIED_MAX: Final = 1_000  # shifts
 CLUTTER: Final = 0.05  # likelihood of a stem that has no partner, beside 1 of one that fits exactly
 
 
@@ -31,23 +32,27 @@ class Registered(NamedTuple):
     sd_m: float
 
 
-def register_window(pos_m: Floats, dbh_m: Floats, dbh_sd_m: Floats, prior_sd_m: float, known: KnownStems) -> Registered:
-    """The shift of `pos_m` (k x 2) against the known stems; within prior_sd_m of nothing before they are looked at."""
-    reach_m = min(SEARCH_SDS * prior_sd_m, SEARCH_MAX_M)
-    own, other = known.pairs(pos_m, reach_m)
+class Constellation(NamedTuple):
+    """Stems that one log saw."""
+
+    pos_m: Floats  # k x 2
+    dbh_m: Floats
+    dbh_sd_m: Floats
+
+
+def register_stems(seen: Constellation, prior_sd_m: float, known: KnownStems, spread_m: float = SPREAD_M) -> Registered:
+    """The shift of `seen` against the known stems; within prior_sd_m of nothing before they are looked at."""
+    own, shifts, alike = _pairs(seen, min(SEARCH_SDS * prior_sd_m, SEARCH_MAX_M), known)
     if not len(own):
         return Registered(np.zeros(2), prior_sd_m)
-    shifts = pos_m[own] - known.pos_m[other]
-    misfit = (dbh_m[own] - known.dbh_m[other]) ** 2 / (dbh_sd_m[own] ** 2 + known.dbh_sd_m[other] ** 2)
-    alike = np.exp(-0.5 * np.minimum(misfit, 25.0))
-    tried = np.vstack((np.zeros((1, 2)), shifts))
-    scores = np.asarray([_score(shift, shifts, alike, own, prior_sd_m) for shift in tried])
+    tried = np.vstack((np.zeros((1, 2)), shifts[:: 1 + len(shifts) // TRIED_MAX]))
+    scores = np.asarray([_score(shift, shifts, alike, own, prior_sd_m, spread_m) for shift in tried])
     shift = tried[int(np.argmax(scores))]
     for _ in range(REFINEMENTS):  # mean shift
-        fit = alike * np.exp(-np.sum((shifts - shift) ** 2, axis=1) / (2.0 * SPREAD_M**2))
-        total = float(fit.sum()) + SPREAD_M**2 / prior_sd_m**2
+        fit = alike * np.exp(-np.sum((shifts - shift) ** 2, axis=1) / (2.0 * spread_m**2))
+        total = float(fit.sum()) + spread_m**2 / prior_sd_m**2
         shift = fit @ shifts / total
-    return Registered(shift, SPREAD_M / np.sqrt(total))
+    return Registered(shift, spread_m / np.sqrt(total))
 
 
 class KnownStems:
@@ -68,10 +73,17 @@ class KnownStems:
         return own.astype(np.int64), other
 
 
-def _score(shift: Floats, shifts: Floats, alike: Floats, own: Ints, prior_sd_m: float) -> float:
-    """Log likelihood of `shift`: of each stem of the window its best partners, and of the prior."""
-    fit = alike * np.exp(-np.sum((shifts - shift) ** 2, axis=1) / (2.0 * SPREAD_M**2))
+def _pairs(seen: Constellation, within_m: float, known: KnownStems) -> tuple[Ints, Floats, Floats]:
+    """Of all pairs so near: which was seen, its shift from the known one, and how alike their diameters are."""
+    own, other = known.pairs(seen.pos_m, within_m)
+    misfit = (seen.dbh_m[own] - known.dbh_m[other]) ** 2 / (seen.dbh_sd_m[own] ** 2 + known.dbh_sd_m[other] ** 2)
+    return own, seen.pos_m[own] - known.pos_m[other], np.exp(-0.5 * np.minimum(misfit, 25.0))
+
+
+def _score(shift: Floats, shifts: Floats, alike: Floats, own: Ints, prior_sd_m: float, spread_m: float) -> float:
+    """Log likelihood of `shift`, over that of no partner at all: of each stem its best partner, and of the prior."""
+    fit = alike * np.exp(-np.sum((shifts - shift) ** 2, axis=1) / (2.0 * spread_m**2))
     best = np.zeros(int(own.max()) + 1)
     np.maximum.at(best, own, fit)
     away = float(np.sum(shift**2)) / (PRIOR_FREEDOM * prior_sd_m**2)
-    return float(np.log(CLUTTER + best).sum()) - (PRIOR_FREEDOM / 2.0 + 1.0) * math.log1p(away)
+    return float(np.log1p(best / CLUTTER).sum()) - (PRIOR_FREEDOM / 2.0 + 1.0) * math.log1p(away)

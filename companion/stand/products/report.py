@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from html import escape
 from typing import Final
 
-from companion.stand.figures.estimate import CLASS_M, DBH_MIN_M, FOUND_MIN, LOOKS_MIN, SeenGround, StandFigures
+from companion.stand.figures.estimate import CLASS_M, DBH_MIN_M, FOUND_MIN, REPEATED_MIN, SeenGround, StandFigures
 from companion.stand.figures.intervals import Estimate
 from companion.stand.fusion.diameters import BOTH, MEASURED, TAPER
 from companion.stand.fusion.fuse import FusedStem, Fusion
@@ -194,7 +194,7 @@ def _share(stems: Sequence[FusedStem], how: str) -> int:
 
 def _unseen(figures: StandFigures | None, stems: Sequence[FusedStem]) -> Iterator[str]:
     if figures is None:
-        yield f"Figures need ground that was looked at {LOOKS_MIN} times at least."
+        yield "Figures need ground that was looked at twice at least, by two vehicles or on two passes."
         return
     if figures.area_ha is not None:
         rest = max(0.0, figures.area_ha - figures.seen_ha)
@@ -206,9 +206,9 @@ def _unseen(figures: StandFigures | None, stems: Sequence[FusedStem]) -> Iterato
     else:
         yield f"{figures.seen_ha:.2f} ha were seen; the figures are of them, and say nothing of ground beyond."
     yield (
-        f"Ground counts as seen when it was looked at {LOOKS_MIN} times and a stem there would have been found with "
-        f"{100.0 * FOUND_MIN:.0f} % at least. Of the stems on it about {100.0 * figures.found_share:.0f} % were found; "
-        "the figures are corrected for the others."
+        f"Ground counts as seen where a stem would have been found with {100.0 * FOUND_MIN:.0f} % at least; with fewer "
+        f"than {REPEATED_MIN} stems that were looked at twice, only where it was looked at twice. Of the stems on it "
+        f"about {100.0 * figures.found_share:.0f} % were found; the figures are corrected for the others."
     )
     outside = len(stems) - figures.stems
     yield f"{outside} stems are in the map and the files, but not in the figures: elsewhere, thinner, or not counted."
