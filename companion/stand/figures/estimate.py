@@ -28,9 +28,7 @@ DBH_MIN_M: Final = 0.10  # stems that are counted: from 10 cm, as many inventori
 LIMIT_BAND_M: Final = 0.02  # on both sides of it, to see how many stems stand there
 CLASS_M: Final = 0.05  # of diameters
 FOUND_MIN: Final = 0.5  # ground is seen where a stem would have been found more likely than not: weights are 2 at most
-REPEATED_MIN: Final = (
-    50  # stems looked at twice or more, from which ground looked at once counts too: fewer tell too little
-)
+REPEATED_MIN: Final = 25  # stems looked at twice: from so many on, ground that was looked at once counts, too
 SEEN_MIN_HA: Final = 0.03  # of less ground, or fewer stems, nothing is said
 STEMS_MIN: Final = 10
 COMMON_SD_M: Final = 0.003  # of all diameters: what a sensor of 0.5 cm bias at most may have, evenly between
