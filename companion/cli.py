@@ -12,10 +12,12 @@ from companion import help_texts
 from companion.lidar.options import MODEL_NAMES, RAW_NAMES, parse_band, parse_mask
 from companion.sensor_options import add_sensor_options
 from companion.shell.urls import AUTOPILOT_SCHEMES, HEARING_SCHEMES, PEERS_SCHEMES, Scheme, Url, UrlError, parse_url
+from companion.stand.form_height import FORM_HEIGHT_M
 from companion.watch.address import PORT, address_of
 from mission import __version__
 from mission.common.compiled import STATE
 from mission.common.completion import add_print_completion
+from mission.common.exit_codes import EXIT_ENVIRONMENT
 from mission.common.problems import printable
 
 
@@ -91,6 +93,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_watch(commands)
     _add_lidar(commands)
     _add_base(commands)
+    _add_stand(commands)
     return parser
 
 
@@ -244,6 +247,29 @@ def _add_base(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     )
 
 
+def _add_stand(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    stand = commands.add_parser(
+        "stand",
+        help="make stem map, stand table and report from surveyed records",
+        description=help_texts.STAND,
+        epilog=help_texts.STAND_MORE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    stand.add_argument(
+        "records", metavar="RECORDS", help="store of records (SQLite) of the vehicles or the base station"
+    )
+    stand.add_argument("--mission", required=True, metavar="FILE", help="mission file (TOML) that was flown")
+    stand.add_argument("--out", required=True, metavar="DIR", help="folder for the files; it is made")
+    stand.add_argument(
+        "--form-height-m",
+        type=_form_height_m,
+        default=FORM_HEIGHT_M,
+        metavar="M",
+        help=f"volume over basal area of this stand, from your tables (default: {FORM_HEIGHT_M:.1f}, Denzin's)",
+    )
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code (SystemExit for --help, --version and wrong usage)."""
     for stream in (sys.stdout, sys.stderr):
@@ -259,6 +285,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         from companion.watch.command import watch
 
         return watch(arguments)
+    if arguments.command == "stand":
+        return _make_stand(arguments)
     if arguments.command == "lidar":
         from companion.lidar.command import read_lidar
 
@@ -282,6 +310,27 @@ def _vehicle_id(text: str) -> int:
         raise argparse.ArgumentTypeError(
             f"{printable(text)!r} is no vehicle id: 1 to 250 (set UNDERSTORY_ID in /etc/understory/companion.env)"
         ) from None
+
+
+def _make_stand(arguments: argparse.Namespace) -> int:
+    try:
+        from companion.stand.command import stand
+    except ModuleNotFoundError as error:  # vehicles do without numpy and scipy
+        print(
+            f"companion: stand needs {error.name}: install the extra `stand`, pip install '.[stand]'", file=sys.stderr
+        )
+        return EXIT_ENVIRONMENT
+    return stand(arguments)
+
+
+def _form_height_m(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 1.0 <= value <= 60.0:
+        raise argparse.ArgumentTypeError(f"{printable(text)!r}: must be from 1 to 60 m")
+    return value
 
 
 def _url(allowed: frozenset[Scheme]) -> Callable[[str], Url]:

@@ -82,6 +82,23 @@ The address that it prints holds a token; without it nobody is let in. Ends with
 exit codes: 0 ended by SIGINT or SIGTERM, 2 wrong usage or a bad file, 3 a port that cannot be opened
 """
 
+STAND = """\
+Makes a stand of the records of a survey: observations of one stem by several vehicles become one stem, and stems
+figures per hectare with intervals of 95 %. Writes a stem map (GeoPackage, GeoJSON, CSV), the figures, the raw records
+and a report of one page.
+"""
+
+STAND_MORE = """\
+example:
+  companion stand base.sqlite --mission forest.toml --out stand
+
+The same records give the same files, whichever order they came in. docs/how-to/read-the-stand-report.md says how to
+read them.
+
+exit codes: 0 written, 2 wrong usage, a bad mission or a bad store, 3 a file that cannot be written, or numpy
+and scipy are not installed
+"""
+
 LIDAR = """\
 Reads a lidar by its own protocol, and sends what it sees to the companion of the same vehicle, as obstacle sensors
 do: MAVLink's OBSTACLE_DISTANCE, the nearest of each of 72 sectors of 5 degrees, or with --raw every ray

@@ -1,4 +1,4 @@
-"""Stem maps of ours as GeoPackage: one layer of points, on Earth or in metres of an undefined Cartesian frame.
+"""Layers of points as GeoPackage, stem maps of ours among them: on Earth, or in metres of an undefined Cartesian frame.
 
 OGC 12-128r19, "GeoPackage Encoding Standard": tables of chapters 1.1.2, 1.1.3 and 2.1.5, geometry of 2.1.3.
 """
@@ -6,9 +6,10 @@ OGC 12-128r19, "GeoPackage Encoding Standard": tables of chapters 1.1.2, 1.1.3 a
 from __future__ import annotations
 
 import math
+import re
 import sqlite3
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from typing import Final
 
@@ -43,38 +44,64 @@ CREATE TABLE gpkg_geometry_columns (table_name TEXT NOT NULL, column_name TEXT N
   CONSTRAINT pk_geom_cols PRIMARY KEY (table_name, column_name), CONSTRAINT uk_gc_table_name UNIQUE (table_name),
   CONSTRAINT fk_gc_tn FOREIGN KEY (table_name) REFERENCES gpkg_contents (table_name),
   CONSTRAINT fk_gc_srs FOREIGN KEY (srs_id) REFERENCES gpkg_spatial_ref_sys (srs_id));
-CREATE TABLE {LAYER} (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, geom POINT, dbh_cm DOUBLE, height_m DOUBLE,
-  crown_base_m DOUBLE, crown_radius_m DOUBLE, species TEXT);
 """
+COLUMNS: Final = {
+    "dbh_cm": "DOUBLE",
+    "height_m": "DOUBLE",
+    "crown_base_m": "DOUBLE",
+    "crown_radius_m": "DOUBLE",
+    "species": "TEXT",
+}
+_NAME: Final = re.compile(r"[a-z][a-z0-9_]*")
 _POINT: Final = struct.Struct("<2sBBiBIdd")
 _LITTLE_ENDIAN: Final = 1
 
 
+Cell = float | int | str | None
+
+
 def to_gpkg(trees: Sequence[StandTree], origin: Wgs84 | None) -> bytes:
     """On Earth where the origin is; without one in metres east and north of it."""
+    places = [(tree.east_m, tree.north_m) for tree in trees]
+    return points_gpkg(LAYER, COLUMNS, places, [_measures(tree) for tree in trees], origin)
+
+
+def points_gpkg(
+    layer: str,
+    columns: Mapping[str, str],
+    places_m: Sequence[tuple[float, float]],
+    rows: Sequence[Sequence[Cell]],
+    origin: Wgs84 | None,
+) -> bytes:
+    """A layer of points, east, north m of the origin. `columns`: names, and types of GeoPackage; `rows`: as these."""
+    for name in (layer, *columns):
+        if not _NAME.fullmatch(name):
+            raise ValueError(f"{name!r} is no name of a layer or column")
     srs_id = CARTESIAN_ID if origin is None else WGS84_ID
-    points = [_position(tree, None if origin is None else LocalFrame(origin)) for tree in trees]
+    frame = None if origin is None else LocalFrame(origin)
+    points = [_position(place, frame) for place in places_m]
+    named = ", ".join(f"{name} {kind}" for name, kind in columns.items())
     with closing(sqlite3.connect(":memory:")) as database:
         database.executescript(SCHEMA)
+        database.execute(f"CREATE TABLE {layer} (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, geom POINT, {named})")
         database.executemany("INSERT INTO gpkg_spatial_ref_sys VALUES (?, ?, ?, ?, ?, '')", SYSTEMS)
         xs, ys = [x for x, _ in points], [y for _, y in points]
         extent = (min(xs), min(ys), max(xs), max(ys)) if points else (None,) * 4
-        contents = (LAYER, "features", LAYER, "", LAST_CHANGE, *extent, srs_id)
+        contents = (layer, "features", layer, "", LAST_CHANGE, *extent, srs_id)
         database.execute(f"INSERT INTO gpkg_contents VALUES ({', '.join('?' * len(contents))})", contents)
-        database.execute("INSERT INTO gpkg_geometry_columns VALUES (?, 'geom', 'POINT', ?, 0, 0)", (LAYER, srs_id))
+        database.execute("INSERT INTO gpkg_geometry_columns VALUES (?, 'geom', 'POINT', ?, 0, 0)", (layer, srs_id))
         database.executemany(
-            f"INSERT INTO {LAYER} (geom, dbh_cm, height_m, crown_base_m, crown_radius_m, species) "
-            "VALUES (?, ?, ?, ?, ?, ?)",
-            [(_blob(point, srs_id), *_measures(tree)) for point, tree in zip(points, trees, strict=True)],
+            f"INSERT INTO {layer} (geom, {', '.join(columns)}) VALUES ({', '.join('?' * (1 + len(columns)))})",
+            [(_blob(point, srs_id), *row) for point, row in zip(points, rows, strict=True)],
         )
         database.commit()
         return database.serialize()
 
 
-def _position(tree: StandTree, frame: LocalFrame | None) -> tuple[float, float]:
+def _position(place_m: tuple[float, float], frame: LocalFrame | None) -> tuple[float, float]:
     if frame is None:
-        return tree.east_m, tree.north_m
-    at = frame.to_wgs84(enu_to_ned((tree.east_m, tree.north_m, 0.0)))
+        return place_m
+    at = frame.to_wgs84(enu_to_ned((*place_m, 0.0)))
     return math.remainder(at.lon_deg, 360.0), at.lat_deg
 
 

@@ -1,7 +1,7 @@
-"""UTM eastings and northings to WGS84: the zones that stem maps are handed over in.
+"""UTM eastings and northings to and from WGS84: the zones that stem maps are handed over in.
 
 The transverse Mercator projection by Krüger's series to the fourth order of the third flattening (Karney 2011,
-"Transverse Mercator with an accuracy of a few nanometers", Journal of Geodesy 85, 475-485, equations 14 to 36): better
+"Transverse Mercator with an accuracy of a few nanometers", Journal of Geodesy 85, 475-485, equations 7 to 36): better
 than 1 mm anywhere near its zone.
 """
 
@@ -30,6 +30,12 @@ _BETA = (
     17.0 * _N**3 / 480.0 - 37.0 * _N**4 / 840.0,
     4397.0 * _N**4 / 161280.0,
 )
+_ALPHA = (
+    _N / 2.0 - 2.0 * _N**2 / 3.0 + 5.0 * _N**3 / 16.0 + 41.0 * _N**4 / 180.0,
+    13.0 * _N**2 / 48.0 - 3.0 * _N**3 / 5.0 + 557.0 * _N**4 / 1440.0,
+    61.0 * _N**3 / 240.0 - 103.0 * _N**4 / 140.0,
+    49561.0 * _N**4 / 161280.0,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +47,11 @@ class Zone:
 
     def __str__(self) -> str:
         return f"UTM {self.number}{'S' if self.south else 'N'}"
+
+    @property
+    def epsg(self) -> int:
+        """Its code, on WGS84."""
+        return (32700 if self.south else 32600) + self.number
 
 
 def zone_of(text: str) -> Zone | None:
@@ -68,6 +79,28 @@ def to_wgs84(east_m: float, north_m: float, zone: Zone) -> tuple[float, float]:
     tangent = _geodetic_tangent(math.sin(xi_sphere) / math.hypot(math.sinh(eta_sphere), math.cos(xi_sphere)))
     lon_deg = math.degrees(lon_rad) + 6.0 * zone.number - 183.0
     return math.degrees(math.atan(tangent)), math.remainder(lon_deg, 360.0)
+
+
+def zone_at(lat_deg: float, lon_deg: float) -> Zone:
+    """The zone of a place, by its longitude alone (Norway and Svalbard have exceptions)."""
+    return Zone(int((math.remainder(lon_deg, 360.0) + 180.0) // 6.0) % 60 + 1, lat_deg < 0.0)
+
+
+def from_wgs84(lat_deg: float, lon_deg: float, zone: Zone) -> tuple[float, float]:
+    """Easting and northing in `zone`, m, of a point given in degrees."""
+    tangent = math.tan(math.radians(lat_deg))
+    lon_rad = math.radians(math.remainder(lon_deg - (6.0 * zone.number - 183.0), 360.0))
+    root = math.hypot(1.0, tangent)
+    sigma = math.sinh(_E * math.atanh(_E * tangent / root))
+    conformal = tangent * math.hypot(1.0, sigma) - sigma * root
+    xi_sphere = math.atan2(conformal, math.cos(lon_rad))
+    eta_sphere = math.asinh(math.sin(lon_rad) / math.hypot(conformal, math.cos(lon_rad)))
+    xi, eta = xi_sphere, eta_sphere
+    for k, alpha in enumerate(_ALPHA, start=1):
+        xi += alpha * math.sin(2 * k * xi_sphere) * math.cosh(2 * k * eta_sphere)
+        eta += alpha * math.cos(2 * k * xi_sphere) * math.sinh(2 * k * eta_sphere)
+    false_northing_m = FALSE_NORTHING_M if zone.south else 0.0
+    return FALSE_EASTING_M + SCALE * _RADIUS_M * eta, false_northing_m + SCALE * _RADIUS_M * xi
 
 
 def _geodetic_tangent(conformal: float) -> float:

@@ -1,0 +1,96 @@
+"""Observations as arrays, cut into windows: what one log saw within one interval of its clock."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.stand.records import KeyedObservation
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+WINDOW_S: Final = 20.0  # a vehicle under way sees a constellation of ten stems and more
+KNOT_S: Final = 10.0  # between knots of the frame errors, which wander within CORRELATION_S
+CORRELATION_S: Final = 60.0  # multipath under a canopy and drift between corrections: a minute or so
+MAX_KNOTS: Final = 3_000  # one dense matrix of 72 MB; 12 vehicles for 40 minutes
+POSITION_SD_MIN_M: Final = 0.02  # less is believed of no fit: bark, and the ground's wobble of the vehicle
+FRAME_SD_MIN_M: Final = 0.01
+FRAME_SD_MAX_M: Final = 50.0  # more is unknown all the same, and would spoil the matrix
+# Of a Brownian bridge, its mean over the time between knots, with half of the frame's variance
+BETWEEN_KNOTS: Final = math.sqrt(KNOT_S / (6.0 * CORRELATION_S))
+DIAMETER_SD_MIN_M: Final = 0.002
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """n observations, in the order of their records' keys. Positions: north, east."""
+
+    log: Ints  # index of (vehicle_id, log_id)
+    first_s: Floats
+    last_s: Floats
+    time_s: Floats  # the middle
+    pos_m: Floats  # n x 2
+    position_sd_m: Floats  # relative to the frame at the knots: with its wandering between them
+    frame_sd_m: Floats
+    dbh_m: Floats
+    dbh_sd_m: Floats
+    logs: tuple[tuple[int, int], ...]
+
+    @property
+    def n(self) -> int:
+        """Number of observations."""
+        return len(self.log)
+
+
+def columns_of(observations: Sequence[KeyedObservation]) -> Columns:
+    """`observations` as they are sorted."""
+    logs = tuple(sorted({o.key[:2] for o in observations}))
+    index = {log: k for k, log in enumerate(logs)}
+    told = [o.observation for o in observations]
+
+    def column(values: Sequence[float] | Sequence[tuple[float, float]]) -> Floats:
+        return np.asarray(values, dtype=np.float64)
+
+    first_s, last_s = column([o.first_s for o in told]), column([o.last_s for o in told])
+    frame_sd_m = np.clip(column([o.frame_sd_m for o in told]), FRAME_SD_MIN_M, FRAME_SD_MAX_M)
+    position_sd_m = np.maximum(column([o.position_sd_m for o in told]), POSITION_SD_MIN_M)
+    return Columns(
+        log=np.asarray([index[o.key[:2]] for o in observations], dtype=np.int64),
+        first_s=first_s,
+        last_s=last_s,
+        time_s=(first_s + last_s) / 2.0,
+        pos_m=column([(o.north_m, o.east_m) for o in told]).reshape(-1, 2),
+        position_sd_m=np.hypot(position_sd_m, BETWEEN_KNOTS * frame_sd_m),
+        frame_sd_m=frame_sd_m,
+        dbh_m=column([o.dbh_m for o in told]),
+        dbh_sd_m=np.maximum(column([o.dbh_sd_m for o in told]), DIAMETER_SD_MIN_M),
+        logs=logs,
+    )
+
+
+def knot_spacing_s(columns: Columns) -> float:
+    """KNOT_S, or so many times as much that there are at most MAX_KNOTS."""
+    spacing_s = KNOT_S
+    while len(_cells(columns, spacing_s)) > MAX_KNOTS // 2:  # each cell has two ends
+        spacing_s *= 2.0
+    return spacing_s
+
+
+def windows_of(columns: Columns) -> list[Ints]:
+    """Indices of the observations of each window, by time and log."""
+    cell = np.floor(columns.time_s / WINDOW_S).astype(np.int64)
+    order = np.lexsort((np.arange(columns.n), columns.log, cell))
+    changes = np.flatnonzero((np.diff(cell[order]) != 0) | (np.diff(columns.log[order]) != 0)) + 1
+    return [np.asarray(part, dtype=np.int64) for part in np.split(order, changes) if len(part)]
+
+
+def _cells(columns: Columns, spacing_s: float) -> Floats:
+    """Intervals with observations in them."""
+    pairs = np.column_stack((columns.log, np.floor(columns.time_s / spacing_s)))
+    return np.unique(pairs, axis=0)

@@ -1,0 +1,92 @@
+"""All products of a stand from its records, into a folder."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from companion.stand.figures.estimate import SeenGround, figures_of
+from companion.stand.form_height import FORM_HEIGHT_M
+from companion.stand.fusion.fuse import Fusion, fuse
+from companion.stand.products.report import report_page
+from companion.stand.products.table import COLUMNS, rows_of, to_3dfin_csv, to_csv, to_geojson, to_json_lines
+from companion.stand.records import Harvest, RecordLike, harvest_of
+from mission import __version__
+from mission.document.model import Mission
+from mission.stems.geopackage_write import points_gpkg
+
+LAYER: Final = "stems"
+FORMAT: Final = "understory-stand"
+VERSION: Final = 1
+
+
+class Products(NamedTuple):
+    """Files that were written, and what they hold."""
+
+    files: tuple[Path, ...]
+    fusion: Fusion
+    ground: SeenGround
+
+
+def write_products(
+    records: Iterable[RecordLike], mission: Mission, out_dir: Path, *, form_height_m: float = FORM_HEIGHT_M
+) -> Products:
+    """Files and report of `records` into `out_dir`, which is made. OSError names a file that cannot be written.
+
+    Figures are of the mission's fence, where it has a polygon. A file is replaced whole, or left as it was.
+    """
+    harvest = harvest_of(records)
+    fusion = fuse(harvest.observations)
+    area_m = mission.fence.polygon_enu_m
+    ground = figures_of(harvest, fusion, area_m=area_m, form_height_m=form_height_m)
+    out_dir.mkdir(parents=True, exist_ok=True)
+    files = []
+    for name, made in _texts(mission, harvest, fusion, ground):
+        file, data = out_dir / name, made()
+        scratch = out_dir / f".{name}.part"
+        scratch.write_bytes(data)
+        os.replace(scratch, file)
+        files.append(file)
+    return Products(tuple(files), fusion, ground)
+
+
+def _texts(
+    mission: Mission, harvest: Harvest, fusion: Fusion, ground: SeenGround
+) -> Iterable[tuple[str, Callable[[], bytes]]]:
+    """Names of the files, and how each is made."""
+    origin = None if mission.origin is None else mission.origin.wgs84
+    stems = fusion.stems
+    columns = {column.name: column.kind for column in COLUMNS}
+    places = [(s.east_m, s.north_m) for s in stems]
+    lidar, system = to_3dfin_csv(stems, origin)
+    yield "stems.gpkg", lambda: points_gpkg(LAYER, columns, places, rows_of(stems), origin)
+    if origin is not None:
+        yield "stems.geojson", lambda: to_geojson(stems, origin).encode()
+    yield "stems.csv", lambda: to_csv(stems).encode()
+    yield "stems_3dfin.csv", lambda: lidar.encode()
+    yield "stand.json", lambda: (json.dumps(_figures(mission, fusion, ground, system), indent=1) + "\n").encode()
+    yield "records.jsonl", lambda: to_json_lines(harvest).encode()
+    area_m = mission.fence.polygon_enu_m
+    yield "report.html", lambda: report_page(mission.name, harvest, fusion, ground, area_m).encode()
+
+
+def _figures(mission: Mission, fusion: Fusion, ground: SeenGround, system: str) -> dict[str, Any]:
+    """The stand's figures, as docs/reference/stand-files.md defines them."""
+    figures = None if ground.figures is None else asdict(ground.figures)
+    if ground.figures is not None and figures is not None:
+        named = {k: v._asdict() for k, v in figures.items() if hasattr(v, "_asdict")}
+        classes = [{"from_cm": c.from_cm, **c.stems_per_ha._asdict()} for c in ground.figures.classes]
+        figures |= {**named, "classes": classes}
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "made_by": f"understory {__version__}",
+        "mission": mission.name,
+        "stems": len(fusion.stems),
+        "stems_3dfin_xy": system,
+        "figures": figures,
+    }

@@ -1,0 +1,124 @@
+"""Records of a survey: read from a store's file, and decoded; each once, in an order that is not that of arrival."""
+
+from __future__ import annotations
+
+import math
+import sqlite3
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import closing
+from pathlib import Path
+from statistics import median
+from typing import Final, NamedTuple, Protocol
+
+from companion.survey.observation import STEM_KIND, StemObservation, decode
+from companion.survey.track import TRACK_KIND, TrackPoint, decode_track
+
+MAX_RECORDS: Final = 250_000  # 12 vehicles for an hour: 21,600 of the track, and 19 observations of each of 5,000 stems
+ASTRAY_M: Final = 3_000.0  # from the median of all positions: no swarm surveys so far apart
+Key = tuple[int, int, int]  # vehicle_id, log_id, number
+
+
+class RecordLike(Protocol):
+    """A record, by whatever class: identity, kind, time and body."""
+
+    @property
+    def vehicle_id(self) -> int: ...
+    @property
+    def log_id(self) -> int: ...
+    @property
+    def number(self) -> int: ...
+    @property
+    def kind(self) -> int: ...
+    @property
+    def made_s(self) -> float: ...
+    @property
+    def body(self) -> bytes: ...
+
+
+class StoredRecord(NamedTuple):
+    """A row of a store's table `record`."""
+
+    vehicle_id: int
+    log_id: int
+    number: int
+    kind: int
+    made_s: float
+    body: bytes
+
+
+class KeyedObservation(NamedTuple):
+    """An observation, and the identity of its record."""
+
+    key: Key
+    observation: StemObservation
+
+
+class KeyedPoint(NamedTuple):
+    """A point of a track, and the identity of its record."""
+
+    key: Key
+    point: TrackPoint
+
+
+class Harvest(NamedTuple):
+    """A survey's records: sorted, each once."""
+
+    observations: tuple[KeyedObservation, ...]
+    track: tuple[KeyedPoint, ...]
+    refused: int  # records of these kinds whose body is malformed, or whose position is none of this survey
+    records: tuple[RecordLike, ...]  # all, of whatever kind
+
+
+class RecordsError(Exception):
+    """A file that holds no records; the message names it."""
+
+
+def read_records(path: Path) -> list[StoredRecord]:
+    """All records of the store in `path`. RecordsError: it cannot be read."""
+    if not path.is_file():
+        raise RecordsError(f"{path}: no such file")
+    try:
+        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as database:
+            rows = database.execute(
+                "SELECT vehicle_id, log_id, number, kind, made_s, body FROM record LIMIT ?", (MAX_RECORDS + 1,)
+            ).fetchall()
+    except sqlite3.Error as error:
+        raise RecordsError(f"{path}: cannot be read as a store of records: {error}") from None
+    if len(rows) > MAX_RECORDS:
+        raise RecordsError(f"{path}: holds more than {MAX_RECORDS} records")
+    found = [StoredRecord(*row) for row in rows]
+    for record in found:
+        if not (all(isinstance(field, int) for field in record[:4]) and isinstance(record.body, bytes)):
+            raise RecordsError(f"{path}: record {record[:3]} is no record")
+    return found
+
+
+def harvest_of(records: Iterable[RecordLike]) -> Harvest:
+    """`records` decoded; any order and any duplicates give the same."""
+    unique = {(record.vehicle_id, record.log_id, record.number): record for record in records}
+    observations, points, refused = [], [], 0
+    for key in sorted(unique):
+        record = unique[key]
+        if record.kind == STEM_KIND:
+            stem = decode(record.body, record.vehicle_id)
+            if stem is not None:
+                observations.append(KeyedObservation(key, stem))
+            refused += stem is None
+        elif record.kind == TRACK_KIND:
+            point = decode_track(record.body, record.vehicle_id)
+            if point is not None:
+                points.append(KeyedPoint(key, point))
+            refused += point is None
+    near = _near_median([*(o.observation for o in observations), *(p.point for p in points)])
+    kept = tuple(o for o in observations if near(o.observation))
+    way = tuple(p for p in points if near(p.point))
+    refused += len(observations) - len(kept) + len(points) - len(way)
+    return Harvest(kept, way, refused, tuple(unique[key] for key in sorted(unique)))
+
+
+def _near_median(places: Sequence[StemObservation | TrackPoint]) -> Callable[[StemObservation | TrackPoint], bool]:
+    """Tells those that are not astray: one wild position would be most of the map."""
+    if not places:
+        return lambda _: True
+    north_m, east_m = median(p.north_m for p in places), median(p.east_m for p in places)
+    return lambda p: math.hypot(p.north_m - north_m, p.east_m - east_m) <= ASTRAY_M

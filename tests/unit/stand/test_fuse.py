@@ -1,0 +1,208 @@
+"""Observations of many vehicles become stems: each once, where it stands, as thick as it is."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import cKDTree
+
+from companion.stand.fusion import fuse as fuse_module
+from companion.stand.fusion import windows
+from companion.stand.fusion.fuse import TooManyError, fuse
+from companion.stand.records import StoredRecord, harvest_of
+from companion.survey.observation import STEM_KIND, Grade, StemObservation, decode, encode
+from companion.survey.track import TRACK_KIND, TrackPoint, encode_track
+from tests.unit.stand.stand_kit import Survey, clustered_stand, records_of, regular_stand, rows_of, said, tree_of
+
+SIZE_M = (40.0, 30.0)
+
+
+def fused(observations: list[StemObservation], log_id: int = 7):
+    """As if each vehicle had written them in this order."""
+    records = [
+        StoredRecord(o.vehicle_id, log_id, k, STEM_KIND, o.last_s, encode(o))
+        for k, o in enumerate(observations, start=1)
+    ]
+    return fuse(harvest_of(records).observations)
+
+
+def surveyed(trees, survey: Survey):
+    """Harvest of a survey of SIZE_M."""
+    return harvest_of(records_of(trees, rows_of((0.0, 0.0), SIZE_M, survey), survey))
+
+
+def test_two_vehicles_that_see_one_stem_make_one_stem_with_a_smaller_error() -> None:
+    one = said(1, north_m=5.0, east_m=3.0, dbh_m=0.30)
+    other = said(2, north_m=5.1, east_m=3.1, dbh_m=0.31)
+    (stem,) = fused([one, other]).stems
+    assert stem.vehicles == (1, 2)
+    assert 0.30 < stem.dbh_m < 0.31
+    assert stem.dbh_sd_m < one.dbh_sd_m
+    assert stem.position_sd_m < one.frame_sd_m
+
+
+def test_two_stems_that_one_vehicle_saw_at_one_time_stay_two_however_close() -> None:
+    beside = [said(1, north_m=5.0, east_m=east_m, dbh_m=0.2) for east_m in (3.0, 3.15)]
+    assert len(fused(beside).stems) == 2
+    later = [beside[0], replace(beside[1], first_s=200.0, last_s=210.0)]
+    assert len(fused(later).stems) == 1  # on another pass it is the same stem, seen again
+
+
+def test_diameters_tell_two_neighbours_apart() -> None:
+    thin, thick = (said(1, north_m=5.0, east_m=east_m, dbh_m=dbh_m) for east_m, dbh_m in ((3.0, 0.15), (3.8, 0.45)))
+    shifted = [replace(o, vehicle_id=2, east_m=o.east_m + 0.5) for o in (thin, thick)]  # the thin one between both
+    stems = fused([thin, thick, *shifted]).stems
+    assert sorted(round(s.dbh_m, 2) for s in stems) == [0.15, 0.45]
+    assert all(s.vehicles == (1, 2) for s in stems)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("make", [regular_stand, clustered_stand])
+def test_frames_that_are_off_by_more_than_stems_are_apart_are_found_by_the_constellation(make, seed: int) -> None:
+    trees = make(seed, 500.0, east_m=SIZE_M[0], north_m=SIZE_M[1])
+    survey = Survey(seed=seed, vehicles=5, frame_sd_m=1.0)
+    harvest = surveyed(trees, survey)
+    stems = fuse(harvest.observations).stems
+    seen = {tree_of(o.observation) for o in harvest.observations}
+    assert abs(len(stems) - len(seen)) <= 0.03 * len(seen)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_positions_and_diameters_are_as_far_off_as_their_errors_say(seed: int) -> None:
+    trees = regular_stand(seed, 400.0, east_m=SIZE_M[0], north_m=SIZE_M[1])
+    harvest = surveyed(trees, Survey(seed=seed))
+    stems = fuse(harvest.observations).stems
+    found = [(s, tree_of(harvest.observations[s.observed[0]].observation)) for s in stems]
+    off_m = np.asarray([(s.east_m - trees.east_m[k], s.north_m - trees.north_m[k]) for s, k in found])
+    told_m = np.asarray([s.position_sd_m for s, _ in found])
+    within = np.hypot(*(off_m - off_m.mean(axis=0)).T)  # less what no vehicle knows: where all of them are
+    assert np.sqrt((within**2).mean()) < 0.3
+    assert np.hypot(*off_m.mean(axis=0)) < 3.0 * told_m.mean()
+    diameters = np.asarray([(s.dbh_m - trees.dbh_m[k]) / s.dbh_sd_m for s, k in found])
+    assert 0.5 < np.sqrt((diameters**2).mean()) < 1.5
+
+
+@settings(max_examples=15)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 40))
+def test_the_order_of_arrival_and_duplicates_change_nothing(seed: int, twice: int) -> None:
+    trees = clustered_stand(3, 400.0, east_m=20.0, north_m=20.0)
+    survey = Survey(seed=3, vehicles=3)
+    records = records_of(trees, rows_of((0.0, 0.0), (20.0, 20.0), survey), survey)
+    first = fuse(harvest_of(records).observations)
+    mixed = records + records[:twice]
+    random.Random(seed).shuffle(mixed)
+    again = fuse(harvest_of(mixed).observations)
+    assert again.stems == first.stems
+
+
+def test_a_stem_keeps_its_id_as_more_is_seen_of_it() -> None:
+    first = said(2, north_m=5.0, east_m=3.0)
+    (stem,) = fused([first]).stems
+    (seen_again,) = fused([first, replace(first, first_s=90.0, last_s=95.0), said(3, north_m=5.1, east_m=3.0)]).stems
+    assert seen_again.stem_id == stem.stem_id == "2-00000007-1"
+
+
+def test_a_vehicle_that_lost_its_disk_starts_another_log_with_errors_of_its_own() -> None:
+    trees = [(2.0, 1.0, 0.2), (6.0, 3.0, 0.3), (9.0, 8.0, 0.4), (3.0, 7.0, 0.25)]
+    before = [said(1, north_m=n, east_m=e, dbh_m=d) for n, e, d in trees]
+    after = [replace(o, north_m=o.north_m + 1.5) for o in before]  # its position jumped when it was started again
+    records = [
+        StoredRecord(1, log_id, k, STEM_KIND, 0.0, encode(o))
+        for log_id, told in ((7, before), (9, after))
+        for k, o in enumerate(told, start=1)
+    ]
+    fusion = fuse(harvest_of(records).observations)
+    assert fusion.logs == ((1, 7), (1, 9))
+    assert len(fusion.stems) == len(trees)
+
+
+def test_one_wrong_diameter_among_five_hardly_moves_the_stem() -> None:
+    good = [said(v, north_m=5.0, east_m=3.0, dbh_m=0.30) for v in (1, 2, 3, 4)]
+    (stem,) = fused([*good, said(5, north_m=5.0, east_m=3.0, dbh_m=0.45)]).stems
+    assert stem.dbh_m == pytest.approx(0.30, abs=0.015)
+
+
+def test_an_error_by_taper_is_not_averaged_away() -> None:
+    tapered = [
+        replace(said(v, north_m=5.0, east_m=3.0), dbh_sd_m=0.02, diameter_sd_m=0.005, cut_up_m=4.0) for v in range(1, 9)
+    ]
+    (stem,) = fused(tapered).stems
+    assert stem.dbh_from == "taper"
+    assert stem.dbh_sd_m > 0.019
+    (measured,) = fused([*tapered, replace(said(9, north_m=5.0, east_m=3.0), is_dbh_measured=True)]).stems
+    assert measured.dbh_from == "measured and taper"
+    assert measured.dbh_sd_m < 0.013
+
+
+def test_poor_observations_alone_make_a_stem_that_is_not_counted() -> None:
+    poor = [replace(said(v, north_m=5.0, east_m=3.0), grade=Grade.POOR, reason="few rays") for v in (1, 2)]
+    (stem,) = fused(poor).stems
+    assert not stem.is_counted
+    assert stem.reason == "few rays"
+    (better,) = fused([*poor, said(3, north_m=5.0, east_m=3.0)]).stems
+    assert better.is_counted
+    assert better.reason == ""
+
+
+def test_nothing_observed_is_no_stem() -> None:
+    assert fuse(()).stems == ()
+
+
+def test_more_observations_than_the_bound_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fuse_module, "MAX_OBSERVATIONS", 1)
+    with pytest.raises(TooManyError, match="2 observations of stems: must be at most 1"):
+        fused([said(1, north_m=5.0, east_m=3.0), said(2, north_m=9.0, east_m=3.0)])
+
+
+def test_clocks_that_say_nonsense_do_not_make_the_matrix_large() -> None:
+    wild = [said(1, north_m=5.0 * k, east_m=3.0, at_s=10.0 ** (k % 9)) for k in range(60)]
+    fusion = fused(wild)
+    assert len(fusion.frames.knots.log) <= 2 * len(wild)
+    assert len(fusion.stems) == len(wild)
+
+
+def test_a_position_far_from_all_others_is_left_out_and_counted() -> None:
+    told = [said(1, north_m=4.0 * k, east_m=3.0) for k in range(5)]
+    wild = replace(told[0], first_s=90.0, last_s=95.0, north_m=9e5)
+    records = [StoredRecord(1, 7, k, STEM_KIND, 0.0, encode(o)) for k, o in enumerate([*told, wild], start=1)]
+    records.append(StoredRecord(1, 7, 9, TRACK_KIND, 0.0, encode_track(TrackPoint(1, 10.0, -9e5, 0.0, 1.0, 8.0))))
+    harvest = harvest_of(records)
+    assert (len(harvest.observations), len(harvest.track), harvest.refused) == (5, 0, 2)
+
+
+def test_a_frame_error_that_is_unknown_spoils_nothing() -> None:
+    told = [said(v, north_m=4.0 * k, east_m=3.0, dbh_m=0.1 + 0.05 * k) for v in (1, 2) for k in range(6)]
+    lost = [replace(o, frame_sd_m=1e6) if o.vehicle_id == 2 else o for o in told]
+    stems = fused(lost).stems
+    assert len(stems) == 6
+    assert all(s.vehicles == (1, 2) and s.position_sd_m < 1.0 for s in stems)
+
+
+def test_a_long_survey_has_knots_farther_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(windows, "MAX_KNOTS", 8)
+    told = [said(1, north_m=4.0 * k, east_m=3.0, at_s=60.0 * k) for k in range(40)]
+    fusion = fused(told)
+    assert len(fusion.frames.knots.log) <= 8
+    assert len(fusion.stems) == len(told)
+
+
+def test_malformed_bodies_are_counted_and_left_out() -> None:
+    good = encode(said(1, north_m=5.0, east_m=3.0))
+    bodies = [b"", b"\xff" * 20, good, good[:-1]]
+    harvest = harvest_of([StoredRecord(1, 7, k, STEM_KIND, 0.0, body) for k, body in enumerate(bodies, start=1)])
+    assert len(harvest.observations) == 1
+    assert harvest.refused == 3
+    assert decode(good, 1) is not None
+
+
+def test_stems_of_a_survey_stand_apart() -> None:
+    trees = clustered_stand(5, 500.0, east_m=SIZE_M[0], north_m=SIZE_M[1])
+    stems = fuse(surveyed(trees, Survey(seed=5)).observations).stems
+    places = np.asarray([(s.east_m, s.north_m) for s in stems])
+    pairs = cKDTree(places).query_pairs(0.5)
+    assert all(stems[a].dbh_m + stems[b].dbh_m < 2.4 * float(np.hypot(*(places[a] - places[b]))) for a, b in pairs)
