@@ -9,11 +9,13 @@ import pytest
 
 from companion.mavlink.beacon import COMPONENT
 from companion.mavlink.framing import wire
-from companion.records.exchange import GIVE_UP_S, LOGS_MAX
+from companion.records.airtime import OVERHEAD_BYTES, USABLE_SHARE
+from companion.records.exchange import GIVE_UP_S, LOGS_MAX, RecordExchange
 from companion.records.frames import RECORD_ID, VECTOR_ID, encode_record, encode_vector, read_record
 from companion.records.record import BASE_ID, Entry, Record, RecordKind, Vector
 from companion.records.store import Batch
-from tests.unit.records.records_kit import chain, making, stem, swarm
+from companion.records.write_queue import COPIES_MAX
+from tests.unit.records.records_kit import BEACON_BYTES, chain, making, stem, swarm
 
 
 def from_peer(message_id: int, payload: bytes, sender: int = 2) -> bytes:
@@ -269,3 +271,73 @@ def test_bytes_that_are_no_record_are_left_to_others(tmp_path: Path) -> None:
     air = swarm(tmp_path, 2)
     assert not air.nodes[1].receive(b"", 0.0)
     assert not air.nodes[1].receive(b"\xfd" * 40, 0.0)
+
+
+def test_another_component_of_a_vehicle_is_not_heard(tmp_path: Path) -> None:
+    node = swarm(tmp_path, 2).nodes[1]
+    payload = encode_record(Record(2, 9, 1, RecordKind.STEM, 0.0, b"x"))
+    assert node.receive(wire.frame(RECORD_ID, payload, seq=0, system=2, component=1), 0.0)
+    node.frames(0.0, 0)
+    assert list(node.store.records(RecordKind.STEM)) == []
+
+
+def test_a_flood_of_records_waits_in_bounds(tmp_path: Path) -> None:
+    node = swarm(tmp_path, 2).nodes[1]
+    for number in range(1, COPIES_MAX + 100):
+        node.receive(from_peer(RECORD_ID, encode_record(Record(2, 9, number, RecordKind.STEM, 0.0, b"x"))), 0.0)
+    node.frames(0.0, 0)
+    assert len(list(node.store.records(RecordKind.STEM))) == COPIES_MAX
+
+
+# --- airtime ---
+
+
+def told_by(node: RecordExchange, *, is_full: bool = False) -> bytes:
+    """A vector of vehicle 2, which has nothing of this node's log."""
+    entry = Entry(node.store.own_log, 0, 0, 0, 0, 0)
+    return from_peer(VECTOR_ID, encode_vector(Vector(0, 255, False, is_full, (entry,))))
+
+
+def with_backlog(folder: Path) -> RecordExchange:
+    node = swarm(folder, 2).nodes[1]
+    for count in range(100):
+        node.append(RecordKind.STEM, stem(1, count), 0.0)
+    node.frames(0.0, 0)
+    return node
+
+
+def test_records_go_out_between_the_own_beacons_or_behind_them_where_each_tick_has_one(tmp_path: Path) -> None:
+    node = with_backlog(tmp_path)
+    with_beacon: list[bool] = []
+    for tick in range(1, 200):
+        if tick % 20 == 0:
+            node.receive(told_by(node), tick * 0.05)
+        beacon_bytes = 118 if tick % 2 == 0 or tick > 100 else 0
+        has_record = any(message_id == RECORD_ID for message_id, _ in node.frames(tick * 0.05, beacon_bytes))
+        if has_record:
+            with_beacon.append(beacon_bytes > 0)
+            assert tick > 100 or not with_beacon[-1]
+    assert True in with_beacon
+    assert False in with_beacon
+
+
+def test_nothing_is_sent_to_a_node_that_has_no_room(tmp_path: Path) -> None:
+    node = with_backlog(tmp_path)
+    for tick in range(1, 100):
+        node.receive(told_by(node, is_full=True), tick * 0.05)
+        assert all(message_id != RECORD_ID for message_id, _ in node.frames(tick * 0.05, 0))
+
+
+def test_a_slow_channel_is_never_filled(tmp_path: Path) -> None:
+    rate_kbps = 150.0
+    air = swarm(tmp_path, 3, rate_kbps=rate_kbps)
+    for me in (1, 2, 3):
+        for count in range(200):
+            air.nodes[me].append(RecordKind.STEM, stem(me, count, 200), 0.0)
+    air.run(10.0)
+    before = len(air.sent)
+    air.run(20.0)
+    records_bps = sum(len(frame) + OVERHEAD_BYTES for _, frame in air.sent[before:]) / 20.0
+    beacons_bps = 3 * 10 * (BEACON_BYTES + OVERHEAD_BYTES)
+    assert records_bps > 500.0
+    assert records_bps + beacons_bps < rate_kbps * 125.0 * USABLE_SHARE
