@@ -34,7 +34,7 @@ from mission import __version__
 from mission.common.compiled import STATE
 from mission.common.problems import printable
 
-PACKAGES = ("pymavlink", "fastcrc", "pydantic", "pyserial", "psutil", "mavsdk", "shtab")
+PACKAGES = ("cbor2", "pymavlink", "fastcrc", "pydantic", "pyserial", "psutil", "mavsdk", "shtab")
 PYTHON_MIN = (3, 11)
 LISTEN_S = 3.0  # an autopilot sends a heartbeat a second, a companion ten beacons
 COMMAND_S = 5.0

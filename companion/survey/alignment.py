@@ -22,7 +22,7 @@ from mission.schema.kinds import RawLidar
 SHIFT_SD_M: Final = 0.03  # priors of a scan's correction
 TURN_SD_RAD: Final = math.radians(0.8)
 LEAST_RAYS: Final = 8  # of a scan at all stems: with fewer its pose stays as it is
-ROUNDS: Final = 10  # of one step each
+ROUNDS: Final = 8  # of one step each
 SCANS_MAX: Final = 1024  # whose corrections are remembered for the next window: 100 s, 0.2 MB
 Frame = tuple[float, float, float]
 NOTHING: Final = np.zeros(3)
@@ -56,11 +56,15 @@ class JointFit:
         corrections: ScanCorrections,
         frames: Mapping[int, Frame] = MappingProxyType({}),
         frame: Frame = (0.0, 0.0, 0.0),
+        known: Mapping[StemRays, Floats] = MappingProxyType({}),
     ) -> None:
         """`stems`: each with the height of its cut, as its rays have heights; `taper`: as `stem_fit.Cloud`.
 
+        `known`: the state of a stem when it was fitted last, to go on from.
+
         `frames`: of the odometry when a scan was placed, `frame`: now (`ScanOdometry.frame`).
         """
+        self._known: Final = known
         self._frames: Final = frames
         self._frame: Final = frame
         self._stems: Final = stems
@@ -78,13 +82,16 @@ class JointFit:
             cloud.turn_frame(np.array([self._turned_since(int(scan)) for scan in scans])[index].T)
             cloud.move(self._corrections.of(scans)[index].T)
             self._clouds.append(cloud)
-            self._solutions.append(cloud.begin((stem.north_m, stem.east_m, stem.radius_m)))
+            known = self._known.get(stem)
+            self._solutions.append(
+                cloud.begin((stem.north_m, stem.east_m, stem.radius_m)) if known is None else cloud.resume(known)
+            )
             yield
-        for _ in range(ROUNDS):
+        for k_round in range(ROUNDS):
             self._align_scans()
             yield
             for k, cloud in enumerate(self._clouds):
-                self._solutions[k] = cloud.improve(self._solutions[k])
+                self._solutions[k] = cloud.improve(self._solutions[k], last=k_round == ROUNDS - 1)
                 yield
 
     def _turned_since(self, scan: int) -> Frame:
@@ -93,6 +100,10 @@ class JointFit:
         turn = now[0] - then[0]
         cos, sin = math.cos(turn), math.sin(turn)
         return turn, now[1] - cos * then[1] + sin * then[2], now[2] - sin * then[1] - cos * then[2]
+
+    def state_of(self, k: int) -> Floats:
+        """The state that a stem was fitted to."""
+        return self._solutions[k].state
 
     def fit_of(self, k: int) -> StemFit | None:
         """The stem as fitted; None: no circle."""

@@ -111,17 +111,32 @@ class Cloud:
         found = [self._solve(_state_of(*circle), STEPS) for circle in (start, _taubin(self, start))]
         return min(found, key=_cost_of)
 
-    def improve(self, solution: Solution) -> Solution:
-        """After rays were moved a little."""
-        return self._solve(solution.state, 1) if math.isfinite(solution.cost) else solution
+    def resume(self, state: Floats) -> Solution:
+        """From where the same stem was fitted with fewer rays."""
+        return self._solve(state, 1)
+
+    def improve(self, solution: Solution, *, last: bool) -> Solution:
+        """One step after rays were moved a little; but for the `last` one the residuals after it are predicted."""
+        if not math.isfinite(solution.cost):
+            return solution
+        if last:
+            return self._solve(solution.state, 1)
+        linear = Linear(self, solution.state)
+        state = self._stepped(solution.state, linear)
+        linear.off = linear.off + (state - solution.state) @ linear.slopes
+        return Solution(state, linear)
+
+    def _stepped(self, state: Floats, linear: Linear) -> Floats:
+        step = -np.linalg.solve(linear.normal, linear.gradient)
+        state = state + np.clip(step, -STEP_MAX_M, STEP_MAX_M)
+        state[2] = min(max(state[2], RADIUS_MIN_M), RADIUS_MAX_M)
+        return state
 
     def _solve(self, state: Floats, steps: int) -> Solution:
         """Gauss-Newton from `state`: north, east, radius, lean north and east, ellipse by cosine and sine."""
         linear = Linear(self, state)
         for _ in range(steps):
-            step = -np.linalg.solve(linear.normal, linear.gradient)
-            state = state + np.clip(step, -STEP_MAX_M, STEP_MAX_M)
-            state[2] = min(max(state[2], RADIUS_MIN_M), RADIUS_MAX_M)
+            state = self._stepped(state, linear)
             linear = Linear(self, state)
         return Solution(state, linear)
 
@@ -153,12 +168,12 @@ class Linear:
         self.off = -(cloud.level - along) * cosine + np.maximum(np.abs(aside) - self.round_m, 0.0)
         variance = (cloud.range_sd * cosine) ** 2 + (cloud.beside_sd * sine) ** 2 + ROUGH_M**2
         scaled2 = self.off**2 / variance
-        spread = max(1.0, 1.4826 * math.sqrt(float(np.median(scaled2))))
+        spread = max(1.0, 1.4826 * math.sqrt(_median(scaled2)))
         rejected = scaled2 / (CAUCHY * spread) ** 2
         self.weight = 1.0 / ((1.0 + rejected) * variance * spread**2)
         ones = np.ones_like(self.off)
         outwards = [self.out_n, self.out_e, ones, self.out_n * cloud.up, self.out_e * cloud.up, twice_cos, twice_sin]
-        slopes = -np.stack(outwards)
+        self.slopes = slopes = -np.array(outwards)
         edge_slopes, edge_off, edge_weight = self._edges(cloud, middle, np.stack([twice_cos, twice_sin]))
         believed = 1.0 / np.array([LEAN_SD, LEAN_SD, ELLIPSE_SHARE * radius, ELLIPSE_SHARE * radius]) ** 2
         self.normal = ((slopes * self.weight) @ slopes.T + (edge_slopes * edge_weight) @ edge_slopes.T) / CORRELATED
@@ -183,7 +198,7 @@ class Linear:
         out_n, out_e = side * cloud.way_e[at], -side * cloud.way_n[at]
         up = cloud.up[at]
         outwards = [out_n, out_e, np.ones_like(off), out_n * up, out_e * up, twice[0, at], twice[1, at]]
-        return -np.stack(outwards), off, weight
+        return -np.array(outwards), off, weight
 
 
 class Solution:
@@ -219,6 +234,12 @@ class Solution:
             rms_m=1.4826 * float(np.median(np.abs(linear.off))),
             rays=len(linear.off),
         )
+
+
+def _median(values: Floats) -> float:
+    """The upper one of two."""
+    half = len(values) // 2
+    return float(np.partition(values, half)[half])
 
 
 def _state_of(north_m: float, east_m: float, radius_m: float) -> Floats:

@@ -14,7 +14,7 @@ from companion.survey.grading import grade_fit
 from companion.survey.ground import GROUND_SD_M
 from companion.survey.observation import STEM_KIND, Grade, StemObservation, encode
 from companion.survey.rays import STEMS_MAX, Band, RayCollector
-from companion.survey.stem_fit import LEAST_RAYS, StemFit
+from companion.survey.stem_fit import LEAST_RAYS, Floats, StemFit
 from companion.survey.stem_rays import StemRays
 from companion.survey.taper import Taper, is_at_breast_height
 from companion.survey.track import TRACK_KIND, TrackPoint, encode_track
@@ -35,7 +35,7 @@ QUEUE_MAX: Final = 2 * STEMS_MAX
 BATCH: Final = 5  # so many stems that have been passed are fitted together, with all that are in sight
 WAITS_S: Final = 6.0  # or fewer, when the first has waited for so long
 CONTEXT_RAYS: Final = 60  # a stem in sight with fewer aligns nothing
-CONTEXT_MAX: Final = 12
+CONTEXT_MAX: Final = 8
 SD_MAX_M: Final = 1.0  # of a diameter: a fit that tells nothing
 STEPS_LANDED: Final = 400  # a tick: on the ground nothing waits
 
@@ -50,6 +50,7 @@ class Surveyor:
             raise ValueError("the mission has no [survey]")
         self._vehicle_id: Final = vehicle_id
         self._lidar: Final = RAW_LIDARS[sensing.sensor]
+        self._altitude_min_m: Final = mission.fence.altitude_min_m
         self._dbh_min_m: Final = survey.dbh_min_m
         self._reach_m: Final = min(survey.reach_m, sensing.range_m)
         self._taper: Final = Taper(survey.taper_cm_per_m / 100.0, survey.taper_sd_cm_per_m / 100.0)
@@ -62,14 +63,19 @@ class Surveyor:
         self._passed: deque[StemRays] = deque(maxlen=QUEUE_MAX)  # the oldest go, unmeasured: a fit has no time limit
         self._waits_since_s: float | None = None
         self._corrections: Final = ScanCorrections()
+        self._known: dict[StemRays, Floats] = {}  # states of stems in sight, as fitted with the last batch
         self._work: Iterator[list[StemObservation]] | None = None  # the batch that is being fitted
         self._anchor_ne_m: tuple[float, float] | None = None  # mission's frame less the odometry's, slowly
         self._tracked_s = -math.inf
         self._ticked_s: float | None = None
 
     def integrate(self, scan: LidarScan, pose: ScanPose, now_s: float) -> None:
-        """A piece of a scan, and the pose of its tick."""
-        self.collector.integrate(scan, pose, now_s)
+        """A piece of a scan, and the pose of its tick.
+
+        Below the fence's least altitude a vehicle takes off or lands, among saplings and bushes: nothing is measured.
+        """
+        if -pose.pos_ned_m[2] >= self._altitude_min_m:
+            self.collector.integrate(scan, pose, now_s)
 
     def take_records(self, pose: ScanPose | None, now_s: float) -> list[tuple[int, bytes]]:
         """Once a tick: kinds and bodies of records that are finished."""
@@ -128,9 +134,11 @@ class Surveyor:
         cuts = [self._cut_of(stem) for stem in (*passed, *context)]
         stems = [(stem, cut[0]) for stem, cut in zip((*passed, *context), cuts, strict=True)]
         frames, frame = self.collector.frames, self.collector.frame
-        joint = JointFit(stems, self._lidar, self._taper.per_m, self._corrections, frames, frame)
+        known = self._known
+        joint = JointFit(stems, self._lidar, self._taper.per_m, self._corrections, frames, frame, known)
         for _ in joint.steps():
             yield []
+        self._known = {stem: joint.state_of(len(passed) + k) for k, stem in enumerate(context)}
         measured = [
             self._observe_stem(stem, fit, cuts[k])
             for k, stem in enumerate(passed)
