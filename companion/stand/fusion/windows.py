@@ -21,7 +21,6 @@ CORRELATION_S: Final = 60.0  # multipath under a canopy and drift between correc
 MAX_KNOTS: Final = 3_000  # one dense matrix of 72 MB; 12 vehicles for 40 minutes
 POSITION_SD_MIN_M: Final = 0.02  # less is believed of no fit: bark, and the ground's wobble of the vehicle
 FRAME_SD_MIN_M: Final = 0.01
-FRAME_SD_MAX_M: Final = 50.0  # more is unknown all the same, and would spoil the matrix
 # Of a Brownian bridge, its mean over the time between knots, with half of the frame's variance
 BETWEEN_KNOTS: Final = math.sqrt(KNOT_S / (6.0 * CORRELATION_S))
 DIAMETER_SD_MIN_M: Final = 0.002
@@ -58,7 +57,7 @@ def columns_of(observations: Sequence[KeyedObservation]) -> Columns:
         return np.asarray(values, dtype=np.float64)
 
     first_s, last_s = column([o.first_s for o in told]), column([o.last_s for o in told])
-    frame_sd_m = np.clip(column([o.frame_sd_m for o in told]), FRAME_SD_MIN_M, FRAME_SD_MAX_M)
+    frame_sd_m = np.maximum(column([o.frame_sd_m for o in told]), FRAME_SD_MIN_M)
     position_sd_m = np.maximum(column([o.position_sd_m for o in told]), POSITION_SD_MIN_M)
     return Columns(
         log=np.asarray([index[o.key[:2]] for o in observations], dtype=np.int64),

@@ -98,6 +98,17 @@ def test_poor_observations_neither_count_nor_make_detection_look_better() -> Non
     assert told.stems_per_ha.value == pytest.approx(whole.stems_per_ha.value, rel=0.12)
 
 
+def test_ground_looked_at_once_counts_where_stems_looked_at_twice_tell_what_that_misses() -> None:
+    three = Survey(seed=2, vehicles=3, lane_m=10.0, sight_m=9.0)  # lanes see half of each other's ground
+    trees, harvest = surveyed(three)
+    told = figures(harvest).figures
+    assert told is not None
+    assert told.seen_ha > 0.11
+    inside = (trees.east_m > 0.0) & (trees.east_m < 40.0) & (trees.north_m > 0.0) & (trees.north_m < 30.0)
+    true = float((inside & (trees.dbh_m >= 0.1)).sum()) / 0.12
+    assert told.stems_per_ha.low <= true <= told.stems_per_ha.high
+
+
 def test_without_an_area_the_figures_are_of_the_ground_seen() -> None:
     told = figures(surveyed()[1], area_m=None).figures
     assert told is not None

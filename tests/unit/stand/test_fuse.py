@@ -17,6 +17,7 @@ from companion.stand.fusion.fuse import TooManyError, fuse
 from companion.stand.records import StoredRecord, harvest_of
 from companion.survey.observation import STEM_KIND, Grade, StemObservation, decode, encode
 from companion.survey.track import TRACK_KIND, TrackPoint, encode_track
+from tests.bench.stand_figures import drawn
 from tests.unit.stand.stand_kit import Survey, clustered_stand, records_of, regular_stand, rows_of, said, tree_of
 
 SIZE_M = (40.0, 30.0)
@@ -125,6 +126,19 @@ def test_one_wrong_diameter_among_five_hardly_moves_the_stem() -> None:
     good = [said(v, north_m=5.0, east_m=3.0, dbh_m=0.30) for v in (1, 2, 3, 4)]
     (stem,) = fused([*good, said(5, north_m=5.0, east_m=3.0, dbh_m=0.45)]).stems
     assert stem.dbh_m == pytest.approx(0.30, abs=0.015)
+
+
+def test_one_wrong_position_among_five_counts_less() -> None:
+    good = [replace(said(v, north_m=5.0, east_m=3.0), frame_sd_m=0.01) for v in (1, 2, 3, 4)]
+    (stem,) = fused([*good, replace(good[0], vehicle_id=5, east_m=3.3)]).stems
+    assert stem.vehicles == (1, 2, 3, 4, 5)
+    assert stem.east_m < 3.04  # the plain mean is 3.06
+
+
+def test_frames_of_which_two_fit_each_other_in_a_wrong_place_are_found() -> None:
+    judged = drawn(5079, frame_sd_m=1.2)  # came out a third too dense when windows of 20 s were registered alone
+    assert judged is not None
+    assert abs(judged.stems / judged.observed - 1.0) < 0.03
 
 
 def test_an_error_by_taper_is_not_averaged_away() -> None:
