@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from companion.stand.fusion.fuse import TooManyError
-from companion.stand.products.write import Products, write_products
+from companion.stand.products.write import describe_products, write_products
 from companion.stand.records import RecordsError, read_records
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
 from mission.common.problems import MissionError
@@ -26,16 +26,5 @@ def stand(arguments: argparse.Namespace) -> int:
     except OSError as error:
         print(f"companion: {error}", file=sys.stderr)
         return EXIT_ENVIRONMENT
-    print("\n".join([*(f"wrote {file}" for file in written.files), _verdict(written)]))
+    print("\n".join([*(f"wrote {file}" for file in written.files), describe_products(written)]))
     return EXIT_DONE
-
-
-def _verdict(written: Products) -> str:
-    """The finding in a line."""
-    found = f"{len(written.fusion.stems)} stems"
-    figures = written.ground.figures
-    if figures is None:
-        return f"{found}; too little ground was seen, or too few stems found, for figures per hectare"
-    basal = figures.basal_area_m2_per_ha
-    spread = "" if basal.low is None or basal.high is None else f" ({basal.low:.1f} to {basal.high:.1f})"
-    return f"{found}; {figures.seen_ha:.2f} ha seen; basal area {basal.value:.1f} m2/ha{spread}"

@@ -90,3 +90,14 @@ def _figures(mission: Mission, fusion: Fusion, ground: SeenGround, system: str) 
         "stems_3dfin_xy": system,
         "figures": figures,
     }
+
+
+def describe_products(written: Products) -> str:
+    """The finding, in a line."""
+    found = f"{len(written.fusion.stems)} stems"
+    figures = written.ground.figures
+    if figures is None:
+        return f"{found}; too little ground was seen, or too few stems found, for figures per hectare"
+    basal = figures.basal_area_m2_per_ha
+    spread = "" if basal.low is None or basal.high is None else f" ({basal.low:.1f} to {basal.high:.1f})"
+    return f"{found}; {figures.seen_ha:.2f} ha seen; basal area {basal.value:.1f} m2/ha{spread}"

@@ -1,0 +1,26 @@
+"""Stem map, stand table and report of a flight that surveyed, made of what has reached its base station."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from companion.stand.fusion.fuse import TooManyError
+from companion.stand.products.write import describe_products, write_products
+from companion.stand.records import RecordsError, read_records
+from mission.document.model import Mission
+from sim_bridge.drive.lockstep.harvest import BASE_FILE
+from sim_bridge.world.world import DEFAULT_ORIGIN
+
+STAND_FOLDER: Final = "stand"
+
+
+def write_stand(mission: Mission, folder: Path) -> list[str]:
+    """Writes them into the run folder of a mission with [survey]; lines for people."""
+    records = folder / BASE_FILE
+    placed = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
+    try:
+        written = write_products(read_records(records), placed, folder / STAND_FOLDER)
+    except (RecordsError, TooManyError, OSError) as error:
+        return [f"stand: not written: {error}"]
+    return [f"stand: {describe_products(written)}", f"stand: report and files in {folder / STAND_FOLDER}"]
