@@ -63,7 +63,7 @@ def _write_bag(flight: Flown, bag: Path) -> None:
     except ModuleNotFoundError as error:
         why = f"--{BAG}: {error.name} is not installed: in the checkout, pip install '.[sim,ros2]'"
         raise StartError(why, EXIT_ENVIRONMENT) from None
-    if bag.exists():
+    if bag.exists() or bag.is_symlink():
         raise StartError(f"--{BAG}: {bag} is there already: must be a new folder", EXIT_BAD_FILE)
     counts = ros2_bag.write(flight, bag)
     print(f"{bag}: {counts.total()} messages on {len(counts)} topics")

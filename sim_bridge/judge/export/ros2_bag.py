@@ -63,14 +63,16 @@ def write(flight: Flown, folder: Path) -> Counter[str]:
     for key, value in about.items():
         writer.set_custom_data(key, value)
     connections: dict[str, Connection] = {}
+    writer.open()  # makes the folder: from here on it is ours
     try:
-        with writer:
-            for time_ns, topic, kind, body in chain((first,), stamped):
-                if topic not in connections:
-                    connections[topic] = writer.add_connection(topic, kind, typestore=store)
-                writer.write(connections[topic], time_ns, store.serialize_cdr(body, kind))
-                counts[topic] += 1
+        for time_ns, topic, kind, body in chain((first,), stamped):
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=store)
+            writer.write(connections[topic], time_ns, store.serialize_cdr(body, kind))
+            counts[topic] += 1
+        writer.close()
     except BaseException:
+        writer.abort()
         shutil.rmtree(folder, ignore_errors=True)
         raise
     return counts
