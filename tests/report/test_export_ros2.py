@@ -284,7 +284,7 @@ def test_without_the_extra_it_says_what_to_install(
     monkeypatch.delitem(sys.modules, "sim_bridge.judge.export.ros2_bag", raising=False)
     monkeypatch.delattr("sim_bridge.judge.export.ros2_bag", raising=False)
     assert cli.main(["export", str(run), "--ros2bag", str(tmp_path / "bag")]) == 3
-    assert "is not installed: in the checkout, pip install '.[sim,ros2]'" in capsys.readouterr().err
+    assert "is not installed: in the checkout, pip install -e '.[sim,ros2]'" in capsys.readouterr().err
 
 
 def test_without_telemetry_logs_there_is_no_bag(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

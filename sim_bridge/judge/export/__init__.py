@@ -61,7 +61,7 @@ def _write_bag(flight: Flown, bag: Path) -> None:
     try:
         from sim_bridge.judge.export import ros2_bag
     except ModuleNotFoundError as error:
-        why = f"--{BAG}: {error.name} is not installed: in the checkout, pip install '.[sim,ros2]'"
+        why = f"--{BAG}: {error.name} is not installed: in the checkout, pip install -e '.[sim,ros2]'"
         raise StartError(why, EXIT_ENVIRONMENT) from None
     if bag.exists() or bag.is_symlink():
         raise StartError(f"--{BAG}: {bag} is there already: must be a new folder", EXIT_BAD_FILE)
