@@ -34,7 +34,7 @@ PROGRAMS = {
     "study": "fly many flights: parameters and seeds crossed, a row of each, and a summary",
     "search": "fly random missions with random faults, and shrink those that fail",
     "report": "figures, verdict and replay of a run folder anew; the page of a study",
-    "export": "write a flight in the formats of other tools: MCAP, KML, GPX, GeoJSON",
+    "export": "write a flight in the formats of other tools: MCAP, ROS 2 bag, KML, GPX, GeoJSON",
     "conformance": "compare the simulated autopilots with recorded flights of PX4 and ArduCopter",
 }
 # Command -> the module whose `run(args) -> exit code` it is.

@@ -83,9 +83,9 @@ def add_entrant(parser: argparse.ArgumentParser) -> None:
     entrant = parser.add_argument_group("another law", "In the bridge alone, with all agents in this program.")
     entrant.add_argument(
         "--law",
-        metavar="MODULE",
-        help="law of movement in place of ours: a .py file, or a module that can be imported "
-        "(docs/how-to/fly-your-own-law.md)",
+        metavar="LAW",
+        help="law of movement in place of ours: a .py file, the name of an installed law, or a module that can be "
+        "imported (docs/how-to/fly-your-own-law.md)",
     )
     entrant.add_argument(
         "--no-safety-filter",

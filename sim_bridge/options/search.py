@@ -19,6 +19,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default="jsbsim",
         help="what the autopilots fly (default: jsbsim)",
     )
+    parser.add_argument(
+        "--law",
+        metavar="LAW",
+        help="law in place of ours, as for fly: a .py file, the name of an installed one",
+    )
     parser.add_argument("--seed", type=_seed, default=1, metavar="S", help="of the first flight; the others follow (1)")
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="folder of the rows; what is there already is not flown again"

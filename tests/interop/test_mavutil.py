@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import re
 import struct
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
-from interop_kit import HAPPEN_LIMIT_S, Served, listening
+from interop_kit import HAPPEN_LIMIT_S, START_LIMIT_S, Served, listening
 from pymavlink import mavutil
 
 pytestmark = pytest.mark.interop
@@ -13,6 +18,7 @@ pytestmark = pytest.mark.interop
 mavlink = mavutil.mavlink
 AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
 GPS_HZ = 20.0
+HOW_TO = Path(__file__).parents[2] / "docs" / "how-to" / "connect-a-ground-station.md"
 
 
 def test_it_sees_all_vehicles(fleet: Served) -> None:
@@ -25,6 +31,28 @@ def test_it_sees_all_vehicles(fleet: Served) -> None:
 
     with listening(fleet) as station:
         station.until(all_seen, "heartbeats of both vehicles")
+
+
+def test_the_snippet_of_the_how_to_hears_a_vehicle_by_mavlink_2(fleet: Served) -> None:
+    page = HOW_TO.read_text(encoding="utf-8")
+    (snippet,) = re.findall(r"^## pymavlink\n\n```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    assert "udpout:127.0.0.1:14600" in snippet
+    version = "print(mavutil.mavlink.WIRE_PROTOCOL_VERSION)\n"  # when it speaks first: later it follows what it hears
+    script = snippet.replace("14600", str(fleet.ground_port)).replace("vehicle.mav.", f"{version}vehicle.mav.")
+    environment = {name: value for name, value in os.environ.items() if name != "MAVLINK20"}
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(
+        command,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=START_LIMIT_S,
+        check=True,
+        stdin=subprocess.DEVNULL,
+    )
+    spoken, heartbeat = done.stdout.splitlines()
+    assert spoken == "2.0"
+    assert heartbeat.startswith("HEARTBEAT {type : 2, autopilot : 12,")
 
 
 def test_it_lists_every_parameter_of_the_vehicle_that_it_asks(fleet: Served) -> None:

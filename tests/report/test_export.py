@@ -171,7 +171,7 @@ def test_export_wants_to_know_what_and_of_which_flight(
     run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert cli.main(["export", str(run)]) == 2
-    assert "--mcap, --rrd, --kml, --gpx, --geojson" in capsys.readouterr().err
+    assert "--mcap, --rrd, --kml, --gpx, --geojson, --ros2bag" in capsys.readouterr().err
     assert cli.main(["export", str(tmp_path), "--kml"]) == 2
     assert "no such file" in capsys.readouterr().err
     assert cli.main(["export", str(run), "--kml", "--out", str(tmp_path / "nowhere")]) == 3

@@ -12,7 +12,7 @@ from sim_bridge.errors import StartError
 from sim_bridge.judge.export import geojson, gpx, kml
 from sim_bridge.judge.export.flown import Flown, load
 from sim_bridge.judge.run_folder import write
-from sim_bridge.options.export import NAME, WHAT
+from sim_bridge.options.export import BAG, NAME, WHAT
 
 DOCUMENTS: dict[str, Callable[[Flown], Iterator[str]]] = {
     "kml": kml.document,
@@ -24,9 +24,13 @@ DOCUMENTS: dict[str, Callable[[Flown], Iterator[str]]] = {
 def run(args: argparse.Namespace) -> int:
     """Exit code 0. RunFolderError, MissionError: the folder is not that of a flight. OSError: a file is not written."""
     kinds = [kind for kind in WHAT if getattr(args, kind)]
-    if not kinds:
-        raise StartError(f"export: must be told what: {', '.join(f'--{kind}' for kind in WHAT)}", EXIT_BAD_FILE)
+    bag: Path | None = args.ros2bag
+    if not kinds and bag is None:
+        flags = ", ".join(f"--{kind}" for kind in (*WHAT, BAG))
+        raise StartError(f"export: must be told what: {flags}", EXIT_BAD_FILE)
     flight = load(args.folder)
+    if bag is not None:
+        _write_bag(flight, bag)
     folder: Path = args.out or args.folder
     for kind in kinds:
         path = folder / f"{NAME}.{kind}"
@@ -51,3 +55,17 @@ def run(args: argparse.Namespace) -> int:
             write(path, text.encode())
             print(path)
     return 0
+
+
+def _write_bag(flight: Flown, bag: Path) -> None:
+    try:
+        from sim_bridge.judge.export import ros2_bag
+    except ModuleNotFoundError as error:
+        why = f"--{BAG}: {error.name} is not installed: in the checkout, pip install -e '.[sim,ros2]'"
+        raise StartError(why, EXIT_ENVIRONMENT) from None
+    if bag.exists() or bag.is_symlink():
+        raise StartError(f"--{BAG}: {bag} is there already: must be a new folder", EXIT_BAD_FILE)
+    counts = ros2_bag.write(flight, bag)
+    print(f"{bag}: {counts.total()} messages on {len(counts)} topics")
+    if not any(topic.endswith("/scan") for topic in counts):
+        print(f"{bag}: no scans: the flight's telemetry logs hold none")

@@ -13,9 +13,9 @@ from companion.core.model.states import SwarmPhase
 from companion.mavlink import dialect
 from mission.common.frames import Vec3, enu_to_ned
 from sim_bridge.judge.export import foxglove
+from sim_bridge.judge.export.axes import quaternions_enu, to_enu
 from sim_bridge.judge.export.flown import Flown, sampled
 from sim_bridge.judge.export.telemetry import AUTOPILOT, Scan
-from sim_bridge.judge.metrics.arrays import Floats
 from sim_bridge.judge.metrics.leadership import acting_leader, swarm_phase
 from sim_bridge.judge.metrics.pairs import look_at_pairs
 from sim_bridge.judge.tick import TOUCHED
@@ -89,9 +89,9 @@ def _swarm(flight: Flown, clock: _Clock) -> Iterator[Message]:
     recording = sampled(flight.recording, rows)
     time_s, n = recording.time_s, len(flight.ids)
     logs = [flight.telemetry[k] for k in flight.ids]
-    turns = np.stack([_quaternions(one.attitude_rad(time_s)) for one in logs], axis=1).round(5).tolist()
-    asked = _enu(np.stack([one.setpoints_ned_mps(time_s) for one in logs], axis=1))
-    positions, velocities = _enu(recording.pos_ned_m), _enu(recording.vel_ned_mps)
+    turns = np.stack([quaternions_enu(one.attitude_rad(time_s)) for one in logs], axis=1).round(5).tolist()
+    asked = to_enu(np.stack([one.setpoints_ned_mps(time_s) for one in logs], axis=1))
+    positions, velocities = to_enu(recording.pos_ned_m), to_enu(recording.vel_ned_mps)
     pairs = look_at_pairs(recording, flight.mission, range_share(flight.mission.sim, flight.stand))
     leaders, phases = acting_leader(recording), swarm_phase(recording)
     names = [f"vehicle_{k}" for k in flight.ids]
@@ -213,27 +213,6 @@ def _scan(scan: Scan, frame: str, stamp: dict[str, int]) -> dict[str, Any]:
         "ranges": [range_m if math.isfinite(range_m) else 0.0 for range_m in scan.ranges_m],
         "intensities": [],
     }
-
-
-def _enu(ned: Floats) -> Floats:
-    """(..., 3) north, east, down -> east, north, up."""
-    enu: Floats = ned[..., [1, 0, 2]] * np.array([1.0, 1.0, -1.0])
-    return enu
-
-
-def _quaternions(attitude_rad: Floats) -> Floats:
-    """(T, 3) roll, pitch, yaw, front-right-down in NED -> (T, 4) x, y, z, w of front-left-up in ENU."""
-    roll, pitch, yaw = attitude_rad.T / 2.0
-    cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(-pitch), np.sin(-pitch)
-    cy, sy = np.cos(math.pi / 4.0 - yaw), np.sin(math.pi / 4.0 - yaw)
-    return np.column_stack(
-        [
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-            cr * cp * cy + sr * sp * sy,
-        ]
-    )
 
 
 def _phase(phase: int) -> str:

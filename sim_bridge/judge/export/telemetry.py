@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -89,28 +90,33 @@ def started_us(folder: Path, n: int) -> int:
     return min((begins_us(folder / f"vehicle-{k}.tlog") for k in range(1, n + 1)), default=0)
 
 
-def read_telemetry(path: Path, start_us: int) -> Telemetry:
-    """The log in `path`, up to where it is damaged; empty where there is none. `start_us`: Unix time of time 0."""
-    telemetry, texts = Telemetry(), dict[int, Reader]()
+def frames(path: Path, start_us: int) -> Iterator[tuple[float, int, bytes]]:
+    """Seconds, message id and bytes of each frame of the log in `path`, up to where it is damaged; no log has none."""
     try:
         data = path.read_bytes()
     except OSError:
-        return telemetry
+        return
     at = 0
     while at + _STAMP.size < len(data):
         start, end, message_id = find_frame(data, at + _STAMP.size)
         if start != at + _STAMP.size or end > len(data):
             break
-        time_s = (_STAMP.unpack_from(data, at)[0] - start_us) / 1e6
+        yield (_STAMP.unpack_from(data, at)[0] - start_us) / 1e6, message_id, data[start:end]
+        at = end
+
+
+def read_telemetry(path: Path, start_us: int) -> Telemetry:
+    """The log in `path`, up to where it is damaged; empty where there is none. `start_us`: Unix time of time 0."""
+    telemetry, texts = Telemetry(), dict[int, Reader]()
+    for time_s, message_id, frame in frames(path, start_us):
         if message_id == MESSAGE_ID:
             telemetry.beacons_s.append(time_s)
         elif message_id in _WANTED:
             try:
-                message = wire.fields(data[start:end])
+                message = wire.fields(frame)
             except dialect.MAVError:
                 break
-            _store_message(telemetry, texts, message_id, message, source(data, start)[1], time_s)
-        at = end
+            _store_message(telemetry, texts, message_id, message, source(frame, 0)[1], time_s)
     return telemetry
 
 

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 from mission.document.model import Mission
 from sim_bridge.drive import fly
+from sim_bridge.drive.entrant.stages import BY_OURS, Entrant
 from sim_bridge.judge.verdict import BAD_FIRST, Grade
 from sim_bridge.judge.verdict import CAUSES as VERDICT_CAUSES
 from sim_bridge.lab.search.invariants import INVARIANTS
@@ -32,16 +33,21 @@ class SearchCase(Case):
     """A drawn mission, as a case of the study engine."""
 
     mission: Mission
+    entrant: Entrant = BY_OURS
 
 
 def fly_cases(cases: Sequence[SearchCase]) -> Done:
     """The job of a worker: its flights, to rows."""
     cpu_s, wall_s = time.process_time(), time.perf_counter()
-    rows = tuple(fly_to_row(case.mission, on_jsbsim=case.backend is Backend.JSBSIM) for case in cases)
+    rows = tuple(
+        fly_to_row(case.mission, on_jsbsim=case.backend is Backend.JSBSIM, entrant=case.entrant) for case in cases
+    )
     return Done(rows, time.process_time() - cpu_s, time.perf_counter() - wall_s)
 
 
-def fly_to_row(mission: Mission, *, on_jsbsim: bool, folder: Path | None = None) -> dict[str, Any]:
+def fly_to_row(
+    mission: Mission, *, on_jsbsim: bool, folder: Path | None = None, entrant: Entrant = BY_OURS
+) -> dict[str, Any]:
     """Grade, causes and figures. An error of the program is a finding: UNSAFE, with its last line."""
     invariants = [invariant(mission) for invariant in INVARIANTS]
     happened: Counter[str] = Counter()
@@ -54,7 +60,7 @@ def fly_to_row(mission: Mission, *, on_jsbsim: bool, folder: Path | None = None)
 
     asked = [fault.kind.value for fault in mission.sim.faults]
     try:
-        outcome = fly_stack(mission, folder, on_jsbsim=on_jsbsim, watch=watch)
+        outcome = fly_stack(mission, folder, on_jsbsim=on_jsbsim, watch=watch, entrant=entrant)
     except Exception as error:  # noqa: BLE001 - whatever it is, it is what is looked for
         place = traceback.extract_tb(error.__traceback__)[-1]
         text = f"UNSAFE: {type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})"

@@ -17,6 +17,8 @@ from rich.console import Console
 
 from mission.document.load import dump_mission
 from mission.document.model import Mission
+from sim_bridge.drive.entrant.law import find_law
+from sim_bridge.drive.entrant.stages import Entrant
 from sim_bridge.judge.progress import Progress as Signs
 from sim_bridge.judge.verdict import Grade
 from sim_bridge.lab.search import summary
@@ -35,13 +37,15 @@ SUMMARY = "summary.md"
 
 
 def run(args: argparse.Namespace) -> int:
-    """Exit code: 0 every flight arrived, or is explained by its faults; 1 not so, or it was interrupted."""
+    """Exit code: 0 every flight arrived, or is explained by its faults; 1 not so, or it was interrupted. LawError."""
+    entrant = Entrant(None if args.law is None else find_law(args.law))
+    entrant.stages()  # a bad law is told before there is a folder
     folder: Path = args.out or Path("runs") / f"search-{args.backend}"
     folder.mkdir(parents=True, exist_ok=True)
     errors = Console(stderr=True)
     signal.signal(signal.SIGTERM, _interrupt)
     try:
-        rows = _campaign(args, folder, errors)
+        rows = _campaign(args, entrant, folder, errors)
     except KeyboardInterrupt:
         errors.print(f"interrupted: the same command goes on from {folder / ROWS}")
         return 1
@@ -50,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
         return 2
     failed = summary.failures(rows)
     for row in failed[: args.shrink]:
-        _shrink(row, args, folder, errors)
+        _shrink(row, args, entrant, folder, errors)
     (folder / SUMMARY).write_text(summary.markdown(rows), encoding="utf-8")
     page.write(folder, [row for row in rows if "sim_time_s" in row], [], "search")
     if args.json:
@@ -61,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     return 1 if failed else 0
 
 
-def _campaign(args: argparse.Namespace, folder: Path, errors: Console) -> list[engine.Row]:
+def _campaign(args: argparse.Namespace, entrant: Entrant, folder: Path, errors: Console) -> list[engine.Row]:
     began_s, done = time.monotonic(), 0
     found: dict[str, engine.Row] = {}
     with ExitStack() as stack:
@@ -94,20 +98,24 @@ def _campaign(args: argparse.Namespace, folder: Path, errors: Console) -> list[e
             if args.hours is not None and time.monotonic() - began_s > 3600.0 * args.hours:
                 break
             end = seed + ROUND if total is None or args.hours is not None else args.seed + total
-            cases = [_case(one, BACKENDS[args.backend]) for one in range(seed, end)]
+            cases = [_case(one, BACKENDS[args.backend], entrant) for one in range(seed, end)]
             found |= {case.key: rows.rows[case.key] for case in cases if case.key in rows.rows}
             engine.run(cases, rows, fly, noted)
             seed = end
     return sorted(found.values(), key=lambda row: int(row["seed"]))
 
 
-def _case(seed: int, backend: Backend) -> SearchCase:
+def _case(seed: int, backend: Backend, entrant: Entrant) -> SearchCase:
     mission = draw(seed).mission
     text = f"{VERSION}{backend.value}{dump_mission(mission)}"
+    if not entrant.is_ours:
+        text += entrant.note()
     satellites = "only the leader has GNSS" if mission.flies_by_ranges else "satellites"
     place = "trees" if mission.forest.stand is not None else "open"
     key = hashlib.sha256(text.encode()).hexdigest()[:16]
-    return SearchCase(key, f"{place}, {satellites}", "ours", backend, mission.swarm.size, seed, {}, mission)
+    return SearchCase(
+        key, f"{place}, {satellites}", entrant.name, backend, mission.swarm.size, seed, {}, mission, entrant
+    )
 
 
 @contextmanager
@@ -120,7 +128,7 @@ def _workers(args: argparse.Namespace, errors: Console) -> Iterator[engine.Fly]:
         yield lambda todo: pool.fly(todo, job=fly_cases)
 
 
-def _shrink(row: engine.Row, args: argparse.Namespace, folder: Path, errors: Console) -> None:
+def _shrink(row: engine.Row, args: argparse.Namespace, entrant: Entrant, folder: Path, errors: Console) -> None:
     """Write the mission that was flown, and the smallest that was found to fail in the same way."""
     mission = draw(row["seed"]).mission
 
@@ -128,7 +136,8 @@ def _shrink(row: engine.Row, args: argparse.Namespace, folder: Path, errors: Con
         errors.print(f"  {text}", soft_wrap=True, highlight=False, markup=False)
 
     errors.print(f"shrinking seed {row['seed']}: {row['causes'][0]}", highlight=False)
-    small = shrink(mission, row["causes"][0], on_jsbsim=args.backend == "jsbsim", report_progress=print_progress)
+    on_jsbsim = args.backend == "jsbsim"
+    small = shrink(mission, row["causes"][0], on_jsbsim=on_jsbsim, entrant=entrant, report_progress=print_progress)
     for name, one in ((f"{row['seed']}.toml", mission), (f"{row['seed']}-shrunk.toml", small)):
         _write(folder / name, one)
 
@@ -138,7 +147,9 @@ def _write(file: Path, mission: Mission) -> None:
 
 
 def _replay(args: argparse.Namespace, seed: int) -> str:
-    return f"sim-bridge search --backend {args.backend} --seed {seed} --flights 1 --shrink 1 --out runs/search-{seed}"
+    law = "" if args.law is None else f" --law {args.law}"
+    flown = f"--backend {args.backend}{law} --seed {seed}"
+    return f"sim-bridge search {flown} --flights 1 --shrink 1 --out runs/search-{seed}"
 
 
 def _interrupt(_number: int, _frame: FrameType | None) -> Any:

@@ -8,6 +8,7 @@ from typing import Any
 
 from mission.document.model import Mission
 from mission.schema.faults import within
+from sim_bridge.drive.entrant.stages import BY_OURS, Entrant
 from sim_bridge.lab.search.flight import fly_to_row
 
 Tables = dict[str, Any]
@@ -33,6 +34,7 @@ def shrink(
     *,
     on_jsbsim: bool,
     most_flights: int = 60,
+    entrant: Entrant = BY_OURS,
     report_progress: Callable[[str], None] = lambda _: None,
 ) -> Mission:
     """The smallest that was found within `most_flights`, and still fails by `cause` first."""
@@ -44,7 +46,7 @@ def shrink(
             if left <= 0:
                 break
             left -= 1
-            row = fly_to_row(smaller, on_jsbsim=on_jsbsim)
+            row = fly_to_row(smaller, on_jsbsim=on_jsbsim, entrant=entrant)
             if row["causes"][:1] == [cause]:
                 report_progress(f"{what}: still {row['verdict']}")
                 mission, changed = smaller, True

@@ -18,6 +18,7 @@ from mission.document.load import load_document
 from mission.document.model import Estimates, Mission
 from mission.schema.check import LineOf, validated
 from mission.schema.kinds import SensorClass
+from sim_bridge.drive.entrant.installed import installed_names
 from sim_bridge.drive.entrant.law import LawError, find_law, load_law
 from sim_bridge.drive.entrant.stages import Entrant
 from sim_bridge.lab.study.case import Backend, MissionCase
@@ -110,10 +111,10 @@ class Reader:
                 raise self._refused((*at, "law"), run.law, f"must be one of {', '.join(LAWS)}")
             if not run.safety_filter:
                 raise self._refused((*at, "safety_filter"), False, "must be true: agents and jsbsim fly without")
-        elif run.law.endswith(".py"):
+        elif run.law.endswith(".py") or run.law in installed_names():
             for key in ("params", "cross_params"):
                 if getattr(run, key):
-                    raise self._refused((*at, key), None, "a law of its own file has none")
+                    raise self._refused((*at, key), None, "a law of its own file or package has none")
             try:
                 law = find_law(run.law, self._folder)
                 load_law(law)
@@ -121,7 +122,8 @@ class Reader:
                 raise self._refused((*at, "law"), run.law, str(error)) from None
             return Entrant(law, run.safety_filter)
         elif run.law != OURS:
-            must = f'must be "{OURS}" where backend = "{run.backend}", or the file of a law (*.py)'
+            named = "".join(f', "{name}"' for name in installed_names())
+            must = f'must be "{OURS}"{named} where backend = "{run.backend}", or the file of a law (*.py)'
             raise self._refused((*at, "law"), run.law, must)
         return Entrant(None, run.safety_filter)
 

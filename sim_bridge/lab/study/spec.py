@@ -32,8 +32,8 @@ class Run(Table):
         Text,
         Field(
             max_length=200,
-            description="Movement law: one of those below, or a file (`*.py`, from this file) that agents and jsbsim "
-            "fly, see [fly your own law](../how-to/fly-your-own-law.md).",
+            description="Movement law: one of those below, or a file (`*.py`, from this file) or the name of an "
+            "installed law that agents and jsbsim fly, see [fly your own law](../how-to/fly-your-own-law.md).",
         ),
     ] = OURS
     backend: Annotated[Backend, Field(description="What flies it.")] = Backend.POINT_MASS
