@@ -139,7 +139,7 @@ def map_problems(mission: Mission, stems: StemMap) -> Iterator[Problem]:
     least_m = placement_radius_m(mission) + trunk_clearance_m(mission)
     keep_out_m = mission.coverage.keep_out_m
     ringed = route_points(mission)[1:] if mission.coverage.shape is CoverageShape.RING else []
-    for tree, line in stems.stems:
+    for tree, line, _ in stems.stems:
         axis = (tree.east_m, tree.north_m)
         key = f"the tree at {tree.east_m:.2f} east, {tree.north_m:.2f} north"
         gap_m = math.dist(axis, d1) - tree.radius_m

@@ -44,14 +44,15 @@ CREATE TABLE gpkg_geometry_columns (table_name TEXT NOT NULL, column_name TEXT N
   CONSTRAINT fk_gc_tn FOREIGN KEY (table_name) REFERENCES gpkg_contents (table_name),
   CONSTRAINT fk_gc_srs FOREIGN KEY (srs_id) REFERENCES gpkg_spatial_ref_sys (srs_id));
 CREATE TABLE {LAYER} (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, geom POINT, dbh_cm DOUBLE, height_m DOUBLE,
-  crown_base_m DOUBLE, crown_radius_m DOUBLE, species TEXT);
+  crown_base_m DOUBLE, crown_radius_m DOUBLE, species TEXT, id TEXT);
 """
 _POINT: Final = struct.Struct("<2sBBiBIdd")
 _LITTLE_ENDIAN: Final = 1
 
 
-def to_gpkg(trees: Sequence[StandTree], origin: Wgs84 | None) -> bytes:
-    """On Earth where the origin is; without one in metres east and north of it."""
+def to_gpkg(trees: Sequence[StandTree], origin: Wgs84 | None, ids: Sequence[str] = ()) -> bytes:
+    """On Earth where the origin is; without one in metres east and north of it. ids: of the trees, in their order."""
+    named = ids or [""] * len(trees)
     srs_id = CARTESIAN_ID if origin is None else WGS84_ID
     points = [_position(tree, None if origin is None else LocalFrame(origin)) for tree in trees]
     with closing(sqlite3.connect(":memory:")) as database:
@@ -63,9 +64,9 @@ def to_gpkg(trees: Sequence[StandTree], origin: Wgs84 | None) -> bytes:
         database.execute(f"INSERT INTO gpkg_contents VALUES ({', '.join('?' * len(contents))})", contents)
         database.execute("INSERT INTO gpkg_geometry_columns VALUES (?, 'geom', 'POINT', ?, 0, 0)", (LAYER, srs_id))
         database.executemany(
-            f"INSERT INTO {LAYER} (geom, dbh_cm, height_m, crown_base_m, crown_radius_m, species) "
-            "VALUES (?, ?, ?, ?, ?, ?)",
-            [(_blob(point, srs_id), *_measures(tree)) for point, tree in zip(points, trees, strict=True)],
+            f"INSERT INTO {LAYER} (geom, dbh_cm, height_m, crown_base_m, crown_radius_m, species, id) "
+            "VALUES (?, ?, ?, ?, ?, ?, ?)",
+            [(_blob(p, srs_id), *_measures(t), name or None) for p, t, name in zip(points, trees, named, strict=True)],
         )
         database.commit()
         return database.serialize()

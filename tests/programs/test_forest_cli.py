@@ -136,8 +136,7 @@ def test_import_says_what_was_read_filled_in_and_dropped(foreign: Path, tmp_path
     assert said.splitlines() == [
         f"{out}: 1 tree",
         "  read Easting as easting in m (it has no unit), Northing as northing in m (it has no unit), BHD as diameter "
-        "at breast height in cm (it has no unit), Hoehe as height in m (it has no unit), Baumart as species",
-        "  ignored Nr",
+        "at breast height in cm (it has no unit), Hoehe as height in m (it has no unit), Baumart as species, Nr as id",
         "  converted from UTM 32N",
         "  placed about the origin 46.9985682, 9.0002006",
         "  filled in the crown base of 1 of 1 tree, at 0.6 of its height",
