@@ -43,7 +43,10 @@ _CHECK = """\
 Says of each file what stands there: density, basal area, diameters, gaps between neighbouring trunks and how many of
 them a vehicle passes with its margin; for a mission, also what its route meets. FILE is a mission or a stem map.
 """
-_DRAW = "Draws the plan of a mission's stand, or of a stem map, as SVG: trunks, crowns, undergrowth, route and fence."
+_DRAW = """\
+Draws the plan of a mission's stand, or of a stem map, as SVG: trunks, crowns, undergrowth, route and fence, on a grid
+of metres east and north of the origin; with latitudes and longitudes where it is known where that is.
+"""
 
 
 def add_parser(commands: Any) -> None:
@@ -117,6 +120,7 @@ def add_parser(commands: Any) -> None:
     drawn.add_argument("file", metavar="FILE", help="a mission (.toml) or a stem map (.csv, .geojson, .gpkg)")
     drawn.add_argument("--mission", metavar="FILE", help="whose route and fence are drawn into a stem map")
     drawn.add_argument("--out", required=True, metavar="FILE.svg", help="where to")
+    drawn.add_argument("--ids", action="store_true", help="write the trees' ids beside them, as the stem map has them")
 
 
 def _add_origin(parser: argparse.ArgumentParser, text: str) -> None:
