@@ -136,9 +136,10 @@ def metrics_page() -> Iterator[str]:
     yield "again, and the verdict. A dash (`null` in JSON) means that the flight never came to that point. Times are"
     yield "simulated."
     yield from ("", "## Terms", "", terms.partition("\n\n")[2], "", "## Figures", "")
-    yield from ("| figure | unit | better | definition |", "|---|---|---|---|")
+    yield from ("| figure | in studies | unit | better | definition |", "|---|---|---|---|---|")
     for figure in metrics.FIGURES:
-        yield row(f"`{figure.name}`", figure.unit, figure.better.value if figure.better else "", figure.text)
+        better = figure.better.value if figure.better else ""
+        yield row(f"`{figure.name}`", figure.title, figure.unit, better, figure.text)
     about, _, claims = (inspect.getdoc(verdict) or "").partition("\n\n")
     yield from ("", "## The verdict", "", about, "", claims, "")
     yield "Exit code 0 is ARRIVED, with or without somebody; anything else is 1."

@@ -160,8 +160,8 @@ def study_figures() -> Iterator[str]:
     yield from ("", "## Figures", "")
     yield "What summary, limits (`must`), plots and page of a study have: the"
     yield "[figures of a flight](metrics.md#figures) that have a better end, and these. `worst` and `p95` are"
-    yield "of the other end."
-    yield from ("", "| figure | backend | unit | better | what it is |", "|---|---|---|---|---|")
+    yield "of the other end. People see a figure by its name, with its unit; shares in percent."
+    yield from ("", "| figure | name | backend | unit | better | what it is |", "|---|---|---|---|---|---|")
     known = (
         {figure.name for figure in metrics.FIGURES} | set(estimate_recorder.definitions()) | set(stems.definitions())
     )
@@ -169,7 +169,7 @@ def study_figures() -> Iterator[str]:
         if figure.name not in known:
             assert figure.better is not None
             flown_by = "`estimator`" if figure in ESTIMATOR else "all others"
-            yield row(f"`{figure.name}`", flown_by, figure.unit, figure.better.value, figure.text)
+            yield row(f"`{figure.name}`", figure.title, flown_by, figure.unit, figure.better.value, figure.text)
 
 
 def estimator_keys() -> Iterator[str]:

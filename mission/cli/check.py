@@ -12,6 +12,7 @@ from typing import Any
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE
 from mission.common.problems import MissionError, Problem, printable
 from mission.document import simulator
+from mission.document.airtime import airtime_s, battery_mah, battery_share, find_short_batteries
 from mission.document.barometer import find_lacking_room
 from mission.document.height_layers import APART_M, LIMIT_M, list_layers
 from mission.document.load import MAX_PLACE_CHARS, load_document
@@ -37,6 +38,7 @@ def run(files: Sequence[str], *, as_json: bool) -> int:
         else:
             if not as_json:
                 print(_sentence(result))
+                print(f"  {_airtime(result)}")
                 for problem in beyond:
                     print(f"  not for the simulator: {problem}")
                 for note in result["notes"]:
@@ -57,7 +59,14 @@ def _checked(file: str) -> tuple[dict[str, Any], tuple[Problem, ...]]:
     absent, notes = _check_stand(mission, file)
     beyond += absent
     lacking = find_lacking_room(mission)
-    notes = [*_idle(mission), *_layers(mission), *_survey(mission), *([lacking] if lacking else []), *notes]
+    notes = [
+        *find_short_batteries(mission),
+        *_idle(mission),
+        *_layers(mission),
+        *_survey(mission),
+        *([lacking] if lacking else []),
+        *notes,
+    ]
     told = {"beyond_simulator": [asdict(problem) for problem in beyond], "notes": notes}
     return _summary(file, mission) | told, beyond
 
@@ -147,10 +156,22 @@ def _summary(file: str, mission: Mission) -> dict[str, Any]:
         "distance_m": mission.route.length_m,
         "vel_leader_mps": mission.route.vel_leader_mps,
         "transit_s": mission.route.length_m / mission.route.vel_leader_mps,
+        "airtime_s": round(airtime_s(mission), 1),
+        "battery_mah": round(battery_mah(mission)),
+        "battery_share": round(battery_share(mission), 3),
         "origin": mission.origin is not None,
         "flies_blind": mission.flies_blind,
         "problems": [],
     }
+
+
+def _airtime(result: dict[str, Any]) -> str:
+    """Least time in the air, and the charge that it takes."""
+    minutes, charge = (
+        result["airtime_s"] / 60.0,
+        f"{result['battery_mah']} mAh, {100.0 * result['battery_share']:.0f} %",
+    )
+    return f"at least {minutes:.1f} min in the air: {charge} of the smallest simulated battery"
 
 
 def _sentence(result: dict[str, Any]) -> str:

@@ -25,19 +25,28 @@ examples:
 """
 _IMPORT = """\
 Reads another program's stem map and writes one as missions use, in metres from an origin. Says what each
-column was taken for, what was filled in (heights, crowns) and what was dropped.
+column was taken for, which were not read, what was filled in (heights, crowns) and what was dropped.
 
-CSV: a header, then a line for each tree, with commas, semicolons or tabs between. Needed are the place (lat and lon; or
-east_m and north_m, metres from an origin of your own; or easting and northing, with --utm) and the diameter (dbh_cm,
-dbh_mm or dbh_m). Known besides: height_m, crown_base_m, crown_radius_m, species.
+CSV: a header, then a line for each tree, with commas, semicolons or tabs between; UTF-8, UTF-16 or older Windows text.
+Needed are the place (lat and lon; or east_m and north_m, metres from an origin of your own; or easting and northing,
+with --utm) and the diameter (dbh_cm, dbh_mm or dbh_m). Known besides: height_m, crown_base_m, crown_radius_m, species,
+id. These names are also known in German, French, Finnish, Swedish, Spanish, Portuguese and Polish.
 GeoJSON: a FeatureCollection of points in WGS84 (RFC 7946), the same names as properties.
 GeoPackage: its only layer of points, in WGS84, a UTM zone, or metres of your own; the same names as columns.
+"""
+_IMPORT_EXAMPLE = """\
+examples:
+  mission forest import plot.csv --utm 32N --out stems.csv
+  mission forest import plot.txt --column "dbh_mm=D 2024" --column id=Tag --decimal comma --out stems.geojson
 """
 _CHECK = """\
 Says of each file what stands there: density, basal area, diameters, gaps between neighbouring trunks and how many of
 them a vehicle passes with its margin; for a mission, also what its route meets. FILE is a mission or a stem map.
 """
-_DRAW = "Draws the plan of a mission's stand, or of a stem map, as SVG: trunks, crowns, undergrowth, route and fence."
+_DRAW = """\
+Draws the plan of a mission's stand, or of a stem map, as SVG: trunks, crowns, undergrowth, route and fence, on a grid
+of metres east and north of the origin; with latitudes and longitudes where it is known where that is.
+"""
 
 
 def add_parser(commands: Any) -> None:
@@ -77,14 +86,25 @@ def add_parser(commands: Any) -> None:
         "import",
         help="convert another program's stem map",
         description=_IMPORT,
+        epilog=_IMPORT_EXAMPLE,
         formatter_class=raw,
         allow_abbrev=False,
     )
     imported.add_argument(
-        "file", metavar="FILE", help="a stem map, .csv, .geojson or .gpkg (at most 8 MiB and 20,000 trees)"
+        "file", metavar="FILE", help="a stem map, .csv (.txt, .tsv), .geojson or .gpkg (at most 8 MiB and 20,000 trees)"
     )
     imported.add_argument("--out", required=True, metavar="FILE", help="where to: .csv, .geojson or .gpkg")
     imported.add_argument("--utm", metavar="ZONE", help="zone of easting and northing: 32N, or EPSG:32632")
+    imported.add_argument(
+        "--column",
+        action="append",
+        default=[],
+        metavar="NAME=HEADING",
+        help="read the column with this heading as NAME: dbh_m, height_m, easting, id ... (again for each)",
+    )
+    imported.add_argument(
+        "--decimal", choices=("comma", "point"), help="decimal sign of numbers that do not say it themselves, as 1.234"
+    )
     _add_origin(imported, "that metres count from; left out: the median of the trees' places")
 
     checked = inner.add_parser(
@@ -100,6 +120,7 @@ def add_parser(commands: Any) -> None:
     drawn.add_argument("file", metavar="FILE", help="a mission (.toml) or a stem map (.csv, .geojson, .gpkg)")
     drawn.add_argument("--mission", metavar="FILE", help="whose route and fence are drawn into a stem map")
     drawn.add_argument("--out", required=True, metavar="FILE.svg", help="where to")
+    drawn.add_argument("--ids", action="store_true", help="write the trees' ids beside them, as the stem map has them")
 
 
 def _add_origin(parser: argparse.ArgumentParser, text: str) -> None:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from mission.document.model import Mission
     from mission.stand.figures import Figures
     from mission.stand.stand import Stand
+    from mission.stems.stem_map import StemMap
 
 BARS = 40
 
@@ -52,16 +53,16 @@ def _judged(file: str, mission_file: str | None) -> tuple[Figures | None, tuple[
     from mission.cli.forest_notes import notes_of
     from mission.stand.figures import area_of, figures_of
 
-    stand, mission, read = _load_stand(file, mission_file)
-    notes = [*read, *(() if mission is None else notes_of(stand, mission))]
+    stand, mission, stems = _load_stand(file, mission_file)
+    notes = [*(() if stems is None else stems.notes), *(() if mission is None else notes_of(stand, mission))]
     if not stand.trees:
         return None, tuple(notes)
     area = None if mission is None else area_of(mission)
     return figures_of(stand, area=area, sensing=mission.sensing if mission else None), tuple(notes)
 
 
-def _load_stand(file: str, mission_file: str | None) -> tuple[Stand, Mission | None, tuple[str, ...]]:
-    """The stand, the mission that flies in it, and what was read."""
+def _load_stand(file: str, mission_file: str | None) -> tuple[Stand, Mission | None, StemMap | None]:
+    """The stand, the mission that flies in it, and the stem map that `file` is."""
     from mission.common.problems import MissionError, first_of
     from mission.document.load import load_mission
     from mission.stand.resolve import resolve_stand
@@ -72,7 +73,7 @@ def _load_stand(file: str, mission_file: str | None) -> tuple[Stand, Mission | N
         if mission_file is not None:
             refuse("--mission", "is for stem maps: this is a mission")
         mission = load_mission(file)
-        return resolve_stand(mission, file), mission, ()
+        return resolve_stand(mission, file), mission, None
     flown = None if mission_file is None else load_mission(mission_file)
     origin = None if flown is None or flown.origin is None else flown.origin.wgs84
     stems = read_stems(file, origin=origin, lenient=True)
@@ -84,7 +85,7 @@ def _load_stand(file: str, mission_file: str | None) -> tuple[Stand, Mission | N
             raise MissionError(first_of(found, stems.place))
     grade = (0.0, 0.0) if flown is None else flown.forest.grade
     boxes = () if flown is None else [box.block for box in flown.forest.boxes]
-    return Stand(stems.trees, stems.bushes, grade, boxes), flown, stems.notes
+    return Stand(stems.trees, stems.bushes, grade, boxes), flown, stems
 
 
 def _lines(file: str, figures: Figures | None, notes: Sequence[str]) -> list[str]:
@@ -121,13 +122,20 @@ def _lines(file: str, figures: Figures | None, notes: Sequence[str]) -> list[str
 def draw(args: argparse.Namespace) -> int:
     """The exit code; MissionError is for the caller."""
     from mission.stand.drawing import drawn
+    from mission.stand.stand import mapped_stems
     from mission.stems.stem_map import counted
 
     if Path(args.out).suffix.lower() != ".svg":
         refuse("--out", f"{args.out}: must end in .svg")
-    stand, mission, _ = _load_stand(args.file, args.mission)
+    stand, mission, stems = _load_stand(args.file, args.mission)
+    if args.ids and stems is None and mission and mission.forest.file:
+        stems = mapped_stems(mission, mission.forest.file, Path(args.file).parent)
+    ids = {(stem.tree.east_m, stem.tree.north_m): stem.id for stem in stems.stems if stem.id} if stems else {}
+    if args.ids and not ids:
+        refuse(args.file, "has no ids of trees to draw: they are in a stem map's column id")
+    origin = mission.origin.wgs84 if mission and mission.origin else stems.origin if stems else None
     try:
-        text = drawn(stand, mission, os.path.basename(args.file))
+        text = drawn(stand, mission, os.path.basename(args.file), origin=origin, ids=ids if args.ids else {})
     except ValueError:
         refuse(args.file, "has nothing to draw")
     if not written(args.out, text.encode()):

@@ -14,6 +14,7 @@ from mission.common.exit_codes import EXIT_DONE, EXIT_ENVIRONMENT
 if TYPE_CHECKING:
     from mission.common.frames import Wgs84
     from mission.document.model import Mission
+    from mission.schema.trees import StandTree
 
 
 def make(args: argparse.Namespace) -> int:
@@ -110,6 +111,8 @@ def _keys(texts: Sequence[str]) -> dict[str, Any]:
 
 def take_over(args: argparse.Namespace) -> int:
     """The exit code; MissionError is for the caller."""
+    from mission.stems.columns import mapping_of
+    from mission.stems.numbers import COMMA, POINT
     from mission.stems.stem_map import counted, read_stems
     from mission.stems.utm import zone_of
 
@@ -120,8 +123,14 @@ def take_over(args: argparse.Namespace) -> int:
             refuse("--utm", f"{args.utm}: must be a zone with its half, as 32N, or EPSG:32632")
     if Path(args.out).absolute() == Path(args.file).absolute():
         refuse("--out", "must be another file than the one that is read")
-    stems = read_stems(args.file, origin=_origin(args), zone=zone, lenient=True)
-    if not _write(args.out, (stem.tree for stem in stems.stems), stems.origin or _origin(args)):
+    try:
+        columns = mapping_of(args.column)
+    except ValueError as error:
+        refuse("--column", str(error))
+    signs = {None: None, "comma": COMMA, "point": POINT}[args.decimal]
+    stems = read_stems(args.file, origin=_origin(args), zone=zone, lenient=True, columns=columns, signs=signs)
+    trees, ids = [stem.tree for stem in stems.stems], [stem.id for stem in stems.stems]
+    if not _write(args.out, trees, stems.origin or _origin(args), ids):
         return EXIT_ENVIRONMENT
     print(f"{args.out}: {counted(len(stems.trees))}")
     for note in stems.notes:
@@ -144,19 +153,19 @@ def _origin(args: argparse.Namespace) -> Wgs84 | None:
     return Wgs84(lat_deg, lon_deg, 0.0)
 
 
-def _write(out: str, trees: Any, origin: Wgs84 | None) -> bool:
+def _write(out: str, trees: Sequence[StandTree], origin: Wgs84 | None, ids: Sequence[str] = ()) -> bool:
     from mission.stems.geopackage_write import to_gpkg
     from mission.stems.write import to_csv, to_geojson
 
     suffix = Path(out).suffix.lower()
     if suffix == ".csv":
-        text = to_csv(trees)
+        text = to_csv(trees, ids)
     elif suffix in (".geojson", ".json"):
         if origin is None:
             refuse("--out", f"{out}: GeoJSON is on Earth: give --origin LAT LON")
-        text = to_geojson(trees, origin)
+        text = to_geojson(trees, origin, ids)
     elif suffix == ".gpkg":
-        return written(out, to_gpkg(list(trees), origin))
+        return written(out, to_gpkg(trees, origin, ids))
     else:
         refuse("--out", f"{out}: must end in .csv, .geojson or .gpkg")
     return written(out, text.encode())

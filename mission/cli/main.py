@@ -35,6 +35,7 @@ the least that a mission needs, in my.toml:
 then:
   mission check my.toml
   my.toml: ok: unnamed, 8 vehicles, 130.0 m, 43.3 s at 3.0 m/s; no [origin]: for the simulator alone
+    at least 2.1 min in the air: 378 mAh, 8 % of the smallest simulated battery
 
 exit codes: 0 done, 2 wrong usage or a bad file, 3 the environment (an output that cannot be written)
 """

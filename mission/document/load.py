@@ -18,6 +18,7 @@ from mission.common.problems import MissionError, Path, Problem, printable
 from mission.document.locate import MAX_DEPTH, TooMuchError, locate
 from mission.document.model import Mission
 from mission.document.renamed import rename_keys
+from mission.document.tree_points import place_trees
 from mission.schema.check import LineOf, validated
 
 __all__ = [
@@ -47,17 +48,17 @@ def load_with_source(path: str | os.PathLike[str]) -> tuple[Mission, bytes]:
     """The mission as `load_mission` has it, and the file's bytes that it was read from."""
     place = printable(os.fsdecode(path), MAX_PLACE_CHARS)
     data = read_bytes(path, place, MAX_FILE_BYTES)
-    return validated(Mission, *_decode(data, place)), data
+    return validated(Mission, *_decode(data, place, path)), data
 
 
 def load_document(path: str | os.PathLike[str]) -> tuple[dict[str, Any], str, LineOf]:
     """The values of any TOML file of ours, its name, and where each key stands: what `validated` takes."""
     place = printable(os.fsdecode(path), MAX_PLACE_CHARS)
-    return _decode(read_bytes(path, place, MAX_FILE_BYTES), place)
+    return _decode(read_bytes(path, place, MAX_FILE_BYTES), place, path)
 
 
-def _decode(data: bytes, place: str) -> tuple[dict[str, Any], str, LineOf]:
-    return _parse(decoded(data, place), place)
+def _decode(data: bytes, place: str, path: str | os.PathLike[str]) -> tuple[dict[str, Any], str, LineOf]:
+    return _parse(decoded(data, place), place, os.path.dirname(os.fsdecode(path)))
 
 
 def mission_sha256(path: str | os.PathLike[str]) -> str:
@@ -71,13 +72,14 @@ def parse_mission(text: str, place: str = "mission") -> Mission:
     return validated(Mission, *_parse(text, place))
 
 
-def _parse(text: str, place: str) -> tuple[dict[str, Any], str, LineOf]:
+def _parse(text: str, place: str, folder: str | None = None) -> tuple[dict[str, Any], str, LineOf]:
     try:
         lines = locate(text)
     except TooMuchError as error:
         raise refused(place, error.line, str(error)) from None
     values = _toml_values(text, place)
     rename_keys(values, lines, place)
+    place_trees(values, lines, place, folder)
 
     def line_of(path: Path) -> int:
         while path and path not in lines:

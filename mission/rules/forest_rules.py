@@ -32,6 +32,7 @@ def conflicts(mission: MissionTables) -> Iterator[Conflict]:
     """Every law that `mission` breaks."""
     yield from _ground(mission)
     yield from _boxes(mission)
+    yield from _named_trees(mission)
     if mission.forest.stand is not None:
         if mission.forest.file is not None:
             yield conflict(
@@ -78,6 +79,13 @@ def _ground(mission: MissionTables) -> Iterator[Conflict]:
                 (key, "forest.grade"),
                 f"is {above_m:.1f} m above the ground there: must be more than {TAKEOFF_CLEAR_M:g} m",
             )
+
+
+def _named_trees(mission: MissionTables) -> Iterator[Conflict]:
+    """Trees have ids in a stem map alone."""
+    for key, name in (("route.d1_tree", mission.route.d1_tree), ("route.d2_tree", mission.route.d2_tree)):
+        if name is not None and mission.forest.file is None:
+            yield conflict(mission, (key,), "is a tree of a stem map: the mission has no forest.file")
 
 
 def _boxes(mission: MissionTables) -> Iterator[Conflict]:

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from enum import StrEnum
 from itertools import pairwise
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
-from pydantic import Field, field_validator
+from pydantic import ConfigDict, Field, field_validator
 
 from mission.common import plane
 from mission.common.frames import Vec3, Wgs84
@@ -106,14 +106,27 @@ class Visit(NamedTuple):
     duration_s: float
 
 
+def _point_or_tree(schema: dict[str, Any]) -> None:
+    """A file may name the tree instead of the point: `load_mission` finds it in the stem map."""
+    for point, tree in (("d1_enu_m", "d1_tree"), ("d2_enu_m", "d2_tree")):
+        schema["required"].remove(point)
+        schema.setdefault("allOf", []).append({"anyOf": [{"required": [point]}, {"required": [tree]}]})
+
+
+TreeId = Annotated[str, Field(min_length=1, max_length=40, examples=["A-17"])]
+
+
 class Route(Table):
     """From deployment to destination."""
+
+    model_config = ConfigDict(json_schema_extra=_point_or_tree)
 
     d1_enu_m: Annotated[
         tuple[Coordinate, Coordinate, Coordinate],
         Field(
             examples=[[0.0, 0.0, 8.0]],
-            description="Deployment d1: east, north, up in metres from the origin, up from the ground there.",
+            description="Deployment d1: east, north, up in metres from the origin, up from the ground there. "
+            "Required, unless `d1_tree` says it.",
         ),
     ]
     d2_enu_m: Annotated[
@@ -121,9 +134,23 @@ class Route(Table):
         Field(
             examples=[[130.0, 0.0, 8.0]],
             description="Destination d2, the centre of coverage, and the last of them where there are stops: east, "
-            "north, up in metres from the origin.",
+            "north, up in metres from the origin. Required, unless `d2_tree` says it.",
         ),
     ]
+    d1_tree: Annotated[
+        TreeId | None,
+        Field(
+            description="Instead of `d1_enu_m`: the id of a tree in the stem map `forest.file`, where d1 is, as high "
+            "as d2. Vehicles start around it: `sim.placement` must be a ring that leaves it room.",
+        ),
+    ] = None
+    d2_tree: Annotated[
+        TreeId | None,
+        Field(
+            description="Instead of `d2_enu_m`: the id of a tree in the stem map `forest.file`, where d2 is, as high "
+            "as d1.",
+        ),
+    ] = None
     vel_leader_mps: Annotated[
         Number,
         Field(

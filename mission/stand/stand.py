@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from mission.common.files import refused
-from mission.common.problems import MissionError, Problem, first_of
-from mission.document.model import CoverageShape, Mission
+from mission.common.problems import MissionError, Problem, first_of, shown
+from mission.document.model import CoverageShape, Mission, Placement
+from mission.document.tree_points import POINTS, tree_problems
 from mission.rules.flight_rules import name_of, placement_radius_m, route_points, trunk_clearance_m
 from mission.schema.boxes import StandBox
 from mission.schema.forest import Tree
@@ -112,14 +113,14 @@ def stand_of(mission: Mission, folder: str | os.PathLike[str] | None = None) -> 
         trees += grown.trees
         bushes = grown.bushes
     if forest.file is not None:
-        stems = _mapped(mission, forest.file, folder)
+        stems = mapped_stems(mission, forest.file, folder)
         trees += stems.trees
         bushes = stems.bushes
     return Stand(trees, bushes, forest.grade, [box.block for box in forest.boxes])
 
 
-def _mapped(mission: Mission, file: str, folder: str | os.PathLike[str] | None) -> StemMap:
-    """The stem map beside the mission, checked against its places."""
+def mapped_stems(mission: Mission, file: str, folder: str | os.PathLike[str] | None) -> StemMap:
+    """The stem map `file` beside the mission, in `folder`, checked against its places. MissionError."""
     from mission.stems.stem_map import read_stems  # csv, json: only for missions that have one
 
     if folder is None:
@@ -134,24 +135,39 @@ def _mapped(mission: Mission, file: str, folder: str | os.PathLike[str] | None) 
 
 
 def map_problems(mission: Mission, stems: StemMap) -> Iterator[Problem]:
-    """Trees of a stem map that stand where vehicles start, or at d2 or a stop reach beyond `coverage.keep_out_m`."""
+    """Trees of a stem map that stand where vehicles start, or at d2 or a stop reach beyond `coverage.keep_out_m`.
+
+    And trees that the mission names which are not there, or not where it has d1 and d2.
+    """
+    named = mission.route.model_dump(include={*POINTS, *POINTS.values()})
+    for name, message in tree_problems(named, stems):
+        yield Problem(stems.place, None, f"route.{name}", shown(named[name]), message)
     d1 = mission.route.d1_enu_m[:2]
     least_m = placement_radius_m(mission) + trunk_clearance_m(mission)
     keep_out_m = mission.coverage.keep_out_m
     ringed = route_points(mission)[1:] if mission.coverage.shape is CoverageShape.RING else []
-    for tree, line in stems.stems:
+    for tree, line, name in stems.stems:
         axis = (tree.east_m, tree.north_m)
         key = f"the tree at {tree.east_m:.2f} east, {tree.north_m:.2f} north"
         gap_m = math.dist(axis, d1) - tree.radius_m
-        if gap_m < least_m:
+        if gap_m < least_m and not (name == mission.route.d1_tree and _is_ringed(mission, tree)):
             message = f"stands {gap_m:.1f} m from d1: must be at least {least_m:.1f} m, outside the starting points"
             yield Problem(stems.place, line, key, "", message)
-        for name, pos_enu_m in ringed:
+        for point, pos_enu_m in ringed:
             off_m = math.dist(axis, pos_enu_m[:2])
             if off_m < keep_out_m < off_m + tree.radius_m:
-                reach = f"reaches {off_m + tree.radius_m:.2f} m from {name_of(name)}"
+                reach = f"reaches {off_m + tree.radius_m:.2f} m from {name_of(point)}"
                 message = f"{reach}: must be at most coverage.keep_out_m = {keep_out_m:g}"
                 yield Problem(stems.place, line, key, "", message)
+
+
+def _is_ringed(mission: Mission, tree: StandTree) -> bool:
+    """True if the starting points are a ring about d1 with room for this tree in its middle."""
+    d1 = mission.route.d1_enu_m
+    if mission.sim.placement is not Placement.RING or mission.flies_by_ranges or mission.swarm.size == 1:
+        return False
+    off_m = math.dist((tree.east_m, tree.north_m), d1[:2])
+    return placement_radius_m(mission) - off_m - tree.radius_m >= trunk_clearance_m(mission)
 
 
 def _alone(tree: Tree) -> StandTree:

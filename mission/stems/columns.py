@@ -1,56 +1,27 @@
 """Meaning of the columns of a stem map, by their names, and in which units: `DBH [cm]`, `bhd_mm`, `X_m`, `lat` ...
 
-A name is compared in lower case, its unit taken off. Nothing is guessed from values, but for one thing: a diameter
+A name is compared folded, its unit taken off. Nothing is guessed from values, but for one thing: a diameter
 without a unit is taken for centimetres, as foresters write it, and refused where that cannot be.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable
-from enum import StrEnum
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Final, NamedTuple
 
 from mission.common.problems import printable, shown
+from mission.stems.headings import GIRTHS, MEANINGS, Meaning, folded
 
-
-class Meaning(StrEnum):
-    """Quantity in a column; the value is how messages call it."""
-
-    EAST = "east"
-    NORTH = "north"
-    LAT = "latitude"
-    LON = "longitude"
-    EASTING = "easting"
-    NORTHING = "northing"
-    DBH = "diameter at breast height"
-    HEIGHT = "height"
-    CROWN_BASE = "crown base"
-    CROWN_RADIUS = "crown radius"
-    SPECIES = "species"
-
-
-_NAMES = {
-    Meaning.EAST: "east x x_local local_x dx",
-    Meaning.NORTH: "north y y_local local_y dy",
-    Meaning.LAT: "lat latitude lat_wgs84 breite",
-    Meaning.LON: "lon lng long longitude lon_wgs84 laenge",
-    Meaning.EASTING: "easting utm_e utm_east utm_x e_utm x_utm rechtswert",
-    Meaning.NORTHING: "northing utm_n utm_north utm_y n_utm y_utm hochwert",
-    Meaning.DBH: "dbh d d13 d130 d1_3 diameter diam dbh_ob bhd diametro dap",
-    Meaning.HEIGHT: "height h ht tree_height total_height hoehe",
-    Meaning.CROWN_BASE: "crown_base crown_base_height height_crown_base hcb kronenansatz",
-    Meaning.CROWN_RADIUS: "crown_radius kronenradius",
-    Meaning.SPECIES: "species spp sp tree_species species_name scientific_name baumart",
-}
-_MEANINGS = {name: meaning for meaning, names in _NAMES.items() for name in names.split()}
 _UNITS_M = {"mm": 0.001, "cm": 0.01, "dm": 0.1, "m": 1.0, "metres": 1.0, "meters": 1.0}
 _IMPERIAL = ("in", "inch", "inches", "ft", "foot", "feet")
-_DEGREES = ("deg", "degrees")
+_DEGREES = ("deg", "degrees", "grad", "degres", "grados", "graus", "stopnie")
+_WORDS_BEFORE_UNITS = ("_in", "_en", "_em", "_w", "_i")  # "Höhe in m", "altura en m", "wysokość w m"
+_WITHOUT_UNIT = (Meaning.SPECIES, Meaning.ID)
 DEGREES = (Meaning.LAT, Meaning.LON)
-_PLAIN = re.compile(r"[^a-z0-9]+")
-_NUMBER = re.compile(r"[+-]?(?:[0-9]{1,12}(?:\.[0-9]{0,20})?|\.[0-9]{1,20})(?:[eE][+-]?[0-9]{1,2})?")
-MISSING = ("", "na", "n/a", "null", "none", "-", ".")
+POSITIONS = ((Meaning.EAST, Meaning.NORTH), (Meaning.LAT, Meaning.LON), (Meaning.EASTING, Meaning.NORTHING))
+PLACES = frozenset(meaning for pair in POSITIONS for meaning in pair)
+MISSING = ("", "na", "n/a", "#n/a", "#nv", "null", "(null)", "none", "-", ".")  # #NV: Excel's #N/A in German
 
 # What a tree may be; heights in metres
 BOUNDS = {
@@ -78,12 +49,11 @@ class Column(NamedTuple):
 
 def column_of(name: str) -> Column | None:
     """Quantity that a column of this name holds; None: not known."""
-    plain = _plain(name)
-    if plain in _MEANINGS:
-        return Column(name, _MEANINGS[plain], 0.01 if _MEANINGS[plain] is Meaning.DBH else 1.0, True)
-    stem, _, unit = plain.rpartition("_")
-    meaning = _MEANINGS.get(stem)
-    if meaning is None or meaning is Meaning.SPECIES:
+    plain = folded(name)
+    if plain in MEANINGS:
+        return Column(name, MEANINGS[plain], 0.01 if MEANINGS[plain] is Meaning.DBH else 1.0, True)
+    meaning, unit = _split(plain)
+    if meaning is None or meaning in _WITHOUT_UNIT:
         return None
     if meaning in DEGREES:
         return Column(name, meaning, 1.0, False) if unit in _DEGREES else None
@@ -92,12 +62,29 @@ def column_of(name: str) -> Column | None:
 
 def is_imperial(name: str) -> bool:
     """True if a column of this name would be understood in metres: it is in inches or feet."""
-    stem, _, unit = _plain(name).rpartition("_")
-    return unit in _IMPERIAL and stem in _MEANINGS
+    meaning, unit = _split(folded(name))
+    return meaning is not None and unit in _IMPERIAL
 
 
-def _plain(name: str) -> str:
-    return _PLAIN.sub("_", name.lower()).strip("_")
+def is_girth(name: str) -> bool:
+    """True if it is the way round the trunk."""
+    plain = folded(name)
+    return plain in GIRTHS or plain.rpartition("_")[0] in GIRTHS
+
+
+def _split(plain: str) -> tuple[Meaning | None, str]:
+    """Quantity and unit of a folded name."""
+    stem, _, unit = plain.rpartition("_")
+    for word in _WORDS_BEFORE_UNITS:
+        if stem not in MEANINGS:
+            stem = stem.removesuffix(word)
+    return MEANINGS.get(stem), unit
+
+
+def is_position(name: str) -> bool:
+    """True if it says where a tree stands. Where a geometry does, properties that do so once more are not heeded."""
+    column = column_of(name)
+    return column is not None and column.meaning in PLACES
 
 
 class Columns(NamedTuple):
@@ -108,56 +95,78 @@ class Columns(NamedTuple):
     fault: str  # why the file cannot be read; "" if it can
 
 
-def columns_of(names: Iterable[str]) -> Columns:
-    """Finds what the columns `names` of a file hold, and whether that is enough: a place and a diameter."""
+_OWN: Final = "dbh_cm, height_m, crown_base_m, crown_radius_m, species, id"
+NOTHING_MAPPED: Final[Mapping[str, Column]] = MappingProxyType({})
+
+
+def mapping_of(options: Sequence[str]) -> dict[str, Column]:
+    """Columns by their headings in a file, from `dbh_m=HEADING`. ValueError says what is wrong with one."""
+    mapped: dict[str, Column] = {}
+    for option in options:
+        name, equals, heading = option.partition("=")
+        column = column_of(name)
+        if not equals or column is None:
+            known = f"east_m, north_m, lat, lon, easting, northing, {_OWN}"
+            raise ValueError(f"{printable(option)}: must be NAME=HEADING, with a name as {known}")
+        if heading in mapped or any(column.meaning is other.meaning for other in mapped.values()):
+            raise ValueError(f"{printable(option)}: the heading, or the {column.meaning}, is given twice")
+        mapped[heading] = column._replace(name=heading)
+    return mapped
+
+
+def columns_of(names: Iterable[str], mapped: Mapping[str, Column] = NOTHING_MAPPED) -> Columns:
+    """Finds what the columns `names` of a file hold, and whether that is enough: a place and a diameter.
+
+    mapped: what some of them are, which wins over what their names, and those of others, say.
+    """
+    headings = [*names]
     known: dict[Meaning, Column] = {}
     unknown: list[str] = []
-    for name in names:
-        column = column_of(name)
-        if column is None:
-            unknown.append(name)
-        elif column.meaning in known:
-            first = known[column.meaning].name
-            return Columns(known, tuple(unknown), f"{shown(first)} and {shown(name)} are both the {column.meaning}")
-        else:
+    given = {column.meaning for column in mapped.values()}
+    if any(given.issuperset(pair) for pair in POSITIONS):
+        given |= PLACES
+    for k, name in enumerate(headings, start=1):
+        column = mapped.get(name) or column_of(name)
+        if column is None or (name not in mapped and column.meaning in given):
+            unknown.append(name or f"column {k} (it has no heading)")
+        elif column.meaning not in known:
             known[column.meaning] = column
-    return Columns(known, tuple(unknown), _lacks(known, unknown))
+        elif column.meaning is Meaning.ID and name not in mapped:
+            unknown.append(name)
+        else:
+            first = known[column.meaning].name
+            fault = f"{shown(first)} and {shown(name)} are both the {column.meaning}: {_SAYS_WHICH}"
+            return Columns(known, tuple(unknown), fault)
+    lost = [shown(heading) for heading in mapped if heading not in headings]
+    if lost:
+        return Columns(known, tuple(unknown), f"has no column {', '.join(lost)} (found: {_found(headings)})")
+    return Columns(known, tuple(unknown), _lacks(known, unknown, headings))
 
 
-def _lacks(known: dict[Meaning, Column], unknown: list[str]) -> str:
+_SAYS_WHICH: Final = "`mission forest import --column NAME=HEADING` says which is"
+
+
+def _found(headings: Sequence[str]) -> str:
+    return ", ".join(printable(name, 20) or '""' for name in headings[:12]) or "none"
+
+
+def _lacks(known: dict[Meaning, Column], unknown: list[str], headings: Sequence[str]) -> str:
     positions = [pair for pair in POSITIONS if all(meaning in known for meaning in pair)]
-    found = ", ".join(printable(name, 20) for name in (*(c.name for c in known.values()), *unknown)[:12]) or "none"
+    found = f"(found: {_found(headings)})"
     if not positions:
-        return f"must say where trees stand: lat and lon, east_m and north_m, or easting and northing (found: {found})"
+        ways = "lat and lon, east_m and north_m, or easting and northing"
+        return f"must say where trees stand: {ways} {found}; {_SAYS_WHICH}"
     if len(positions) > 1:
         ways = " and ".join(shown(known[pair[0]].name) for pair in positions)
         return f"has the place in more than one way: keep one of {ways}"
     if Meaning.DBH not in known:
         imperial = ", ".join(shown(name) for name in unknown if is_imperial(name))
         hint = f"; convert {imperial}: inches and feet are not read" if imperial else ""
-        return f"must have a column dbh_cm, dbh_mm or dbh_m, the diameter at breast height (found: {found}){hint}"
+        girths = ", ".join(shown(name) for name in unknown if is_girth(name))
+        hint += f"; divide {girths} by 3.1416: girths are not read" if girths else ""
+        hint = hint or f"; {_SAYS_WHICH}"
+        return f"must have a column dbh_cm, dbh_mm or dbh_m, the diameter at breast height {found}{hint}"
     return ""
-
-
-POSITIONS = ((Meaning.EAST, Meaning.NORTH), (Meaning.LAT, Meaning.LON), (Meaning.EASTING, Meaning.NORTHING))
-
-
-def number(value: object, *, decimal_comma: bool = False) -> float | None:
-    """A number as the file has it, or as text; None: it is none. NaN and infinity are none."""
-    match value:
-        case bool():
-            return None
-        case int() | float():
-            if isinstance(value, int) and value.bit_length() > 64:
-                return None
-            return float(value) if abs(value) < 1e15 else None
-        case str():
-            text = value.strip()
-            if decimal_comma and "." not in text:
-                text = text.replace(",", ".", 1)
-            return float(text) if _NUMBER.fullmatch(text) else None
-        case _:
-            return None
 
 
 def is_missing(value: object) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sqlite3
 import struct
+from collections.abc import Mapping
 from contextlib import closing
 from typing import Any, Final, NamedTuple
 
@@ -16,7 +17,8 @@ from mission.common.files import refused
 from mission.common.problems import MissionError, Problem, first_of, printable, shown
 from mission.schema.forest import MAX_STAND_TREES
 from mission.stems import utm
-from mission.stems.columns import POSITIONS, Column, Meaning, columns_of
+from mission.stems.columns import NOTHING_MAPPED, Column, columns_of, is_position
+from mission.stems.headings import Meaning
 from mission.stems.stem_files import MAX_COLUMNS, Row, Rows
 
 MAX_LAYERS: Final = 100
@@ -39,7 +41,7 @@ class Layer(NamedTuple):
     zone: utm.Zone | None
 
 
-def gpkg_rows(data: bytes, place: str) -> tuple[Rows, utm.Zone | None]:
+def gpkg_rows(data: bytes, place: str, mapped: Mapping[str, Column] = NOTHING_MAPPED) -> tuple[Rows, utm.Zone | None]:
     """The trees of a GeoPackage's only layer of points, and their zone where they are eastings and northings."""
     if data[:16] != b"SQLite format 3\0":
         raise refused(place, None, "must be a GeoPackage: an SQLite file")
@@ -47,7 +49,7 @@ def gpkg_rows(data: bytes, place: str) -> tuple[Rows, utm.Zone | None]:
         try:
             _open(database, data)
             layer = _layer(database, place)
-            return _rows(database, layer, place), layer.zone
+            return _rows(database, layer, place, mapped), layer.zone
         except sqlite3.Error as error:
             raise refused(place, None, f"cannot be read as a GeoPackage: {printable(str(error))}") from None
         except (OverflowError, UnicodeDecodeError):  # a size beyond reason; a name that is no text
@@ -110,14 +112,14 @@ def _frame(database: sqlite3.Connection, srs_id: object, place: str) -> tuple[tu
     raise MissionError([Problem(place, None, "gpkg_geometry_columns.srs_id", printable(told), message)])
 
 
-def _rows(database: sqlite3.Connection, layer: Layer, place: str) -> Rows:
+def _rows(database: sqlite3.Connection, layer: Layer, place: str, mapped: Mapping[str, Column]) -> Rows:
     names = [str(row[1]) for row in database.execute(f"PRAGMA table_info({_quoted(layer.table)})")]
     if len(names) > MAX_COLUMNS:
         raise refused(place, None, f"has {len(names)} columns: must have at most {MAX_COLUMNS}")
     if layer.geometry not in names:
         raise refused(place, None, f"layer {shown(layer.table)} has no column {shown(layer.geometry)}")
-    told = [name for name in names if name != layer.geometry and not _is_position(name)]
-    columns = columns_of([*_POSITION_NAMES[layer.where], *told])
+    told = [name for name in names if name != layer.geometry and (name in mapped or not is_position(name))]
+    columns = columns_of([*_POSITION_NAMES[layer.where], *told], mapped)
     if columns.fault:
         raise refused(place, None, columns.fault)
     known = dict(columns.known)
@@ -145,7 +147,7 @@ def _rows(database: sqlite3.Connection, layer: Layer, place: str) -> Rows:
         rows.append(Row(None, f"{key}.", {**measured, layer.where[0]: at[0], layer.where[1]: at[1]}))
     if problems:
         raise MissionError(first_of(problems, place))
-    return Rows(columns, rows, decimal_comma=False)
+    return Rows(columns, rows, decimal=".")
 
 
 _POSITION_NAMES: Final = {
@@ -153,12 +155,6 @@ _POSITION_NAMES: Final = {
     (Meaning.LON, Meaning.LAT): ("lon", "lat"),
     (Meaning.EASTING, Meaning.NORTHING): ("easting", "northing"),
 }
-
-
-def _is_position(name: str) -> bool:
-    """The geometry says where a tree stands: columns that say it once more are not heeded."""
-    known = columns_of([name]).known
-    return any(meaning in known for pair in POSITIONS for meaning in pair)
 
 
 def _point(blob: Any) -> tuple[float, float] | str:

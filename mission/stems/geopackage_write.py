@@ -51,6 +51,7 @@ COLUMNS: Final = {
     "crown_base_m": "DOUBLE",
     "crown_radius_m": "DOUBLE",
     "species": "TEXT",
+    "id": "TEXT",
 }
 _NAME: Final = re.compile(r"[a-z][a-z0-9_]*")
 _POINT: Final = struct.Struct("<2sBBiBIdd")
@@ -60,10 +61,12 @@ _LITTLE_ENDIAN: Final = 1
 Cell = float | int | str | None
 
 
-def to_gpkg(trees: Sequence[StandTree], origin: Wgs84 | None) -> bytes:
-    """On Earth where the origin is; without one in metres east and north of it."""
+def to_gpkg(trees: Sequence[StandTree], origin: Wgs84 | None, ids: Sequence[str] = ()) -> bytes:
+    """On Earth where the origin is; without one in metres east and north of it. ids: of the trees, in their order."""
     places = [(tree.east_m, tree.north_m) for tree in trees]
-    return points_gpkg(LAYER, COLUMNS, places, [_measures(tree) for tree in trees], origin)
+    named = ids or [""] * len(trees)
+    rows = [(*_measures(tree), name or None) for tree, name in zip(trees, named, strict=True)]
+    return points_gpkg(LAYER, COLUMNS, places, rows, origin)
 
 
 def points_gpkg(

@@ -14,13 +14,16 @@ from typing import Any, NamedTuple
 from mission.common.files import parsed_json, refused
 from mission.common.problems import MissionError, Problem, first_of, printable, shown
 from mission.schema.forest import MAX_STAND_TREES
-from mission.stems.columns import Column, Columns, Meaning, columns_of
+from mission.stems.columns import NOTHING_MAPPED, Column, Columns, columns_of, is_position
+from mission.stems.headings import Meaning
 
 MAX_STEM_BYTES = 8 * 1024 * 1024
 MAX_COLUMNS = 200
 MAX_LINE_CHARS = 10_000
 MAX_LINES = 2 * MAX_STAND_TREES  # with comments and empty ones
 DELIMITERS = ",;\t"
+_DELIMITER = re.compile(r'"?sep=([,;\t])"?\r?')  # first line that tells Excel
+_BLANK = DELIMITERS + " \r"
 WGS84_NAMES = ("CRS84", "EPSG::4326", "EPSG:4326", "4326", "WGS84")  # at the end of a `crs` that says what holds anyway
 
 Values = Mapping[Meaning, object]
@@ -39,24 +42,29 @@ class Rows(NamedTuple):
 
     columns: Columns
     rows: list[Row]
-    decimal_comma: bool
+    decimal: str  # sign that the format has for certain; "": as the numbers themselves show
 
 
 # --- CSV --------------------------------------------------------------------------------------------------------------
 
 
-def csv_rows(text: str, place: str) -> Rows:
-    """The rows of a CSV file with a header: comma, semicolon or tab between them; a line that begins with # is none."""
+def csv_rows(text: str, place: str, mapped: Mapping[str, Column] = NOTHING_MAPPED) -> Rows:
+    """The rows of a CSV file with a header: comma, semicolon or tab between them; a line that begins with # is none.
+
+    mapped: as `columns_of` takes it. A row of nothing but delimiters, which spreadsheets write, is none.
+    """
     _check_text(text, place)
     lines = [(k, line) for k, line in enumerate(text.split("\n"), start=1) if line.strip() and line[0] != "#"]
+    told = _DELIMITER.fullmatch(lines[0][1]) if lines else None
+    lines = [(k, line) for k, line in lines[told is not None :] if line.strip(_BLANK)]
     if not lines:
         raise refused(place, None, "holds nothing: must have a header and a line for each tree")
     _limit(len(lines) - 1, place)
-    delimiter = max(DELIMITERS, key=lines[0][1].count)
+    delimiter = told[1] if told else max(DELIMITERS, key=lines[0][1].count)
     (header_line, names), *body = _records(lines, delimiter, place)
     if len(names) > MAX_COLUMNS:
         raise refused(place, header_line, f"has {len(names)} columns: must have at most {MAX_COLUMNS}")
-    columns = columns_of([name.strip() for name in names])
+    columns = columns_of([name.strip() for name in names], mapped)
     if columns.fault:
         raise refused(place, header_line, columns.fault)
     if not body:
@@ -67,7 +75,7 @@ def csv_rows(text: str, place: str) -> Rows:
         if len(fields) != len(names):
             raise refused(place, line, f"has {len(fields)} fields: must have {len(names)}, as the header")
         rows.append(Row(line, "", {m: fields[at[column.name]] for m, column in columns.known.items()}))
-    return Rows(columns, rows, decimal_comma=delimiter != ",")
+    return Rows(columns, rows, decimal="." if delimiter == "," else "")
 
 
 def _check_text(text: str, place: str) -> None:
@@ -98,7 +106,7 @@ def _limit(trees: int, place: str) -> None:
 # --- GeoJSON ----------------------------------------------------------------------------------------------------------
 
 
-def geojson_rows(text: str, place: str) -> Rows:
+def geojson_rows(text: str, place: str, mapped: Mapping[str, Column] = NOTHING_MAPPED) -> Rows:
     """The features of a GeoJSON FeatureCollection of points (RFC 7946: WGS84, longitude first)."""
     document = parsed_json(text, place)
     if not isinstance(document, dict) or document.get("type") != "FeatureCollection":
@@ -118,7 +126,9 @@ def geojson_rows(text: str, place: str) -> Rows:
             names.update(dict.fromkeys(list(properties)[:MAX_COLUMNS]))
         if len(names) > MAX_COLUMNS:
             raise refused(place, None, f"has more than {MAX_COLUMNS} different properties")
-    columns = _placed(columns_of(["lon", "lat", *(name for name in names if not _is_position(name))]))
+    columns = _placed(
+        columns_of(["lon", "lat", *(name for name in names if name in mapped or not is_position(name))], mapped)
+    )
     if columns.fault:
         raise refused(place, None, columns.fault)
     rows = []
@@ -132,13 +142,7 @@ def geojson_rows(text: str, place: str) -> Rows:
             rows.append(Row(lines[k], f"{key}.properties.", values))
     if problems:
         raise MissionError(first_of(problems, place))
-    return Rows(columns, rows, decimal_comma=False)
-
-
-def _is_position(name: str) -> bool:
-    """The geometry says where a tree stands: properties that say it once more are not heeded."""
-    column = columns_of([name]).known
-    return any(meaning in column for meaning in list(Meaning)[:6])
+    return Rows(columns, rows, decimal=".")
 
 
 def _placed(columns: Columns) -> Columns:

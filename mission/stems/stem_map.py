@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 from statistics import median
@@ -15,22 +15,21 @@ from mission.common.frames import LocalFrame, Wgs84, ned_to_enu
 from mission.common.problems import MAX_PROBLEMS, MissionError, Problem, printable, shown
 from mission.schema.trees import UNDERGROWTH, Species, StandTree, crown_radius_of_m, height_of_m
 from mission.stems import utm
-from mission.stems.columns import BOUNDS, POSITIONS, Column, Meaning, is_imperial, is_missing, number
+from mission.stems.columns import BOUNDS, NOTHING_MAPPED, PLACES, POSITIONS, Column, is_imperial, is_missing
 from mission.stems.geopackage import gpkg_rows
+from mission.stems.headings import GENERA, Meaning, folded
+from mission.stems.numbers import Signs, is_ambiguous, number, signs_of
 from mission.stems.stem_files import MAX_STEM_BYTES, Row, Rows, csv_rows, geojson_rows
+from mission.stems.text import read_text
 
 CROWN_BASE_SHARE = 0.6  # of the height, where a map does not say: as `[forest.stand]` has it by default
 FURTHEST_M = 20_000.0  # from the origin
+TEXTS = (".csv", ".txt", ".tsv")
+TEXT = (Meaning.SPECIES, Meaning.ID)
+MAX_ID_CHARS = 40
+AMBIGUOUS = "with thousands or decimals? `mission forest import --decimal comma` or `point` says which"
 SWAPPED = "; are latitude and longitude swapped?"
-GENERA = {
-    "spruce": Species.SPRUCE,
-    **dict.fromkeys(("picea", "fichte", "abies", "tanne", "fir", "pseudotsuga", "douglasie", "larix"), Species.SPRUCE),
-    **dict.fromkeys(("larch", "tsuga", "hemlock", "thuja", "cedar"), Species.SPRUCE),
-    **dict.fromkeys(("pine", "pinus", "kiefer", "foehre", "föhre"), Species.PINE),
-    **dict.fromkeys(("broadleaf", "fagus", "beech", "buche", "quercus", "oak", "eiche", "betula"), Species.BROADLEAF),
-    **dict.fromkeys(("birch", "birke", "acer", "maple", "ahorn", "fraxinus", "ash", "esche"), Species.BROADLEAF),
-    **dict.fromkeys(("carpinus", "hornbeam", "alnus", "alder", "populus", "tilia", "lime"), Species.BROADLEAF),
-}
+DEGREES_SPREAD_M = 0.1  # no map is as small: that many degrees are 11 km
 
 
 class Stem(NamedTuple):
@@ -38,6 +37,7 @@ class Stem(NamedTuple):
 
     tree: StandTree
     line: int | None
+    id: str = ""  # as the file has it
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,34 +66,56 @@ def read_stems(
     origin: Wgs84 | None = None,
     zone: utm.Zone | None = None,
     lenient: bool = False,
+    columns: Mapping[str, Column] = NOTHING_MAPPED,
+    signs: Signs | None = None,
 ) -> StemMap:
     """The stem map in `path`. MissionError names each file, line, column and value that is wrong.
 
     origin: of the mission; a map on Earth without one has its own, the median of its places. zone: of UTM places.
     lenient: trees without a diameter, and trees that stand there twice, are dropped and said, not refused.
+    columns: what columns of the file are, by their headings. signs: of its numbers; None: as they show by themselves.
     """
     place = printable(os.fsdecode(path), MAX_PLACE_CHARS)
     suffix = PurePath(path).suffix.lower()
-    if suffix not in (".csv", ".geojson", ".json", ".gpkg"):
+    if suffix not in (*TEXTS, ".geojson", ".json", ".gpkg"):
         raise refused(place, None, "must be a stem map: .csv, .geojson or .gpkg")
+    if suffix not in TEXTS and any(column.meaning in PLACES for column in columns.values()):
+        raise refused(place, None, "says by its geometry where trees stand: no column does")
     data = read_bytes(path, place, MAX_STEM_BYTES)
+    notes: tuple[str, ...] = ()
     if suffix == ".gpkg":
-        rows, its_zone = gpkg_rows(data, place)
+        rows, its_zone = gpkg_rows(data, place, columns)
         if its_zone is not None and zone not in (None, its_zone):
             raise refused(place, None, f"is in {its_zone}, as it says itself: not {zone}")
         zone = its_zone or zone
+    elif suffix in TEXTS:
+        text, encoding = read_text(data, place)
+        notes = (f"taken for {encoding} text: it is not UTF-8",) if encoding else ()
+        rows = csv_rows(text, place, columns)
     else:
-        text = decoded(data, place)
-        rows = csv_rows(text, place) if suffix == ".csv" else geojson_rows(text, place)
-    return _Reader(rows, place, origin, zone, lenient).read_map()
+        rows = geojson_rows(decoded(data, place), place, columns)
+    return _Reader(rows, place, origin, zone, lenient, signs, notes).read_map()
 
 
 class _Reader:
     """From rows to trees."""
 
-    def __init__(self, rows: Rows, place: str, origin: Wgs84 | None, zone: utm.Zone | None, lenient: bool) -> None:
+    def __init__(
+        self,
+        rows: Rows,
+        place: str,
+        origin: Wgs84 | None,
+        zone: utm.Zone | None,
+        lenient: bool,
+        signs: Signs | None,
+        notes: tuple[str, ...],
+    ) -> None:
         self._rows, self._place, self._origin, self._zone, self._lenient = rows, place, origin, zone, lenient
+        self._heard = notes
         self._known = rows.columns.known
+        measured = [meaning for meaning in self._known if meaning not in TEXT]
+        values = (row.values[meaning] for row in rows.rows for meaning in measured)
+        self._signs = signs_of(values, rows.decimal) if signs is None else signs
         self._where = next(pair for pair in POSITIONS if all(meaning in self._known for meaning in pair))
         self._problems: list[Problem] = []
         self._count = 0
@@ -109,6 +131,7 @@ class _Reader:
         told = [(row, self._measured(row)) for row in self._rows.rows]
         self._check_unit([values[Meaning.DBH] for _, values in told if Meaning.DBH in values])
         self._refuse()
+        self._check_metres([values for _, values in told])
         positions = self._local([(values[self._where[0]], values[self._where[1]]) for _, values in told])
         stems = []
         for (row, values), (east_m, north_m) in zip(told, positions, strict=True):
@@ -120,7 +143,7 @@ class _Reader:
                     message = "missing; `mission forest import` drops trees without a diameter"
                     self._problem(row, Meaning.DBH, message)
             elif self._is_single(row, at := (round(east_m, 2), round(north_m, 2))):
-                stems.append(Stem(self._tree(row, values, *at), row.line))
+                stems.append(Stem(self._tree(row, values, *at), row.line, self._id(row)))
         self._refuse()
         trees = sum(stem.tree.species != UNDERGROWTH for stem in stems)
         return StemMap(self._place, tuple(stems), self._origin, tuple(self._notes(trees)))
@@ -139,22 +162,36 @@ class _Reader:
         values: dict[Meaning, float] = {}
         for meaning, column in self._known.items():
             raw = row.values[meaning]
-            if meaning is Meaning.SPECIES:
+            if meaning in TEXT:
                 continue
             if is_missing(raw):
                 if meaning in self._where:
                     self._problem(row, meaning, "missing: where does it stand?")
                     values[meaning] = 0.0
                 continue
-            found = number(raw, decimal_comma=self._rows.decimal_comma)
+            found = number(raw, self._signs)
             low, high, unit = BOUNDS[meaning]
             value = math.nan if found is None else found * column.factor
             if not low <= value <= high:
-                swapped = SWAPPED if meaning is Meaning.LAT and high < abs(value) <= BOUNDS[Meaning.LON][1] else ""
-                self._problem(row, meaning, f"must be a number {_range(low, high, unit, column)}{swapped}", raw)
+                if found is None and is_ambiguous(raw, self._signs):
+                    self._problem(row, meaning, AMBIGUOUS, raw)
+                else:
+                    ranged = f"must be a number {_range(low, high, unit, column)}"
+                    self._problem(row, meaning, ranged + _hint(meaning, value, column), raw)
                 value = low
             values[meaning] = value
         return values
+
+    def _check_metres(self, told: Sequence[dict[Meaning, float]]) -> None:
+        """Refuse degrees that are called x and y, as programs write those of a layer on Earth too."""
+        if self._where[0] is not Meaning.EAST or not self._known[Meaning.EAST].assumed_unit or len(told) < 3:
+            return
+        names = [shown(self._known[meaning].name) for meaning in self._where]
+        if all(max(axis) - min(axis) < DEGREES_SPREAD_M for axis in ([v[m] for v in told] for m in self._where)):
+            message = (
+                f"{' and '.join(names)} of all trees are within {DEGREES_SPREAD_M:g}: metres, or degrees? Name them "
+            )
+            raise refused(self._place, None, message + "east_m and north_m, or lon and lat")
 
     def _check_unit(self, diameters_m: Sequence[float]) -> None:
         """True if the unit can be centimetres: of a stem map's trees some are over 3 cm thick, and half under 1 m."""
@@ -224,9 +261,16 @@ class _Reader:
             return ""
         return printable(raw.strip(), 40)
 
+    def _id(self, row: Row) -> str:
+        raw = row.values.get(Meaning.ID)
+        if is_missing(raw):
+            return ""
+        is_whole = isinstance(raw, float) and raw.is_integer() and abs(raw) < 1e15  # as JSON and SQLite may have one
+        return printable(f"{raw:.0f}" if is_whole else str(raw).strip(), MAX_ID_CHARS)
+
     def _kind(self, named: str) -> Species:
         """The species whose curves it is given: by the words of its name."""
-        for word in named.lower().replace(".", " ").split():
+        for word in folded(named).split("_"):
             if word in GENERA:
                 return GENERA[word]
         self._strange[named] = None
@@ -266,10 +310,12 @@ class _Reader:
     def _notes(self, n: int) -> Iterator[str]:
         """Result of reading a file."""
         read = [f"{printable(column.name, 30)} as {_said(column)}" for column in self._known.values()]
+        yield from self._heard
         yield f"read {', '.join(read)}"
-        if self._rows.columns.unknown:
-            yield f"ignored {', '.join(printable(name, 30) for name in self._rows.columns.unknown[:12])}"
-        imperial = [printable(name, 30) for name in self._rows.columns.unknown if is_imperial(name)][:12]
+        unknown = [printable(name, 30) for name in self._rows.columns.unknown]
+        if unknown:
+            yield f"not read: {', '.join(unknown)}"
+        imperial = [printable(name, 30) for name in self._rows.columns.unknown if is_imperial(name)]
         if imperial:
             yield f"convert {', '.join(imperial)} to metres to have it read: inches and feet are not"
         if self._zone is not None:
@@ -294,6 +340,16 @@ class _Reader:
             yield f"dropped {counted(len(self._twice))} in the place of another{_lines(self._twice)}"
 
 
+def _hint(meaning: Meaning, value: float, column: Column) -> str:
+    """Likely reason why a place is out of bounds."""
+    if meaning is Meaning.LAT and BOUNDS[meaning][1] < abs(value) <= BOUNDS[Meaning.LON][1]:
+        return SWAPPED
+    wide = {Meaning.EAST: Meaning.EASTING, Meaning.NORTH: Meaning.NORTHING}.get(meaning)
+    if wide is not None and BOUNDS[wide][0] <= value <= BOUNDS[wide][1]:
+        return f"; `mission forest import --utm ZONE --column {wide}={printable(column.name, 30)}` if it is in a zone"
+    return ""
+
+
 def counted(trees: int) -> str:
     """`1 tree`, `2 trees`"""
     return "1 tree" if trees == 1 else f"{trees} trees"
@@ -306,7 +362,7 @@ def _key(row: Row, column: Column) -> str:
 
 
 def _said(column: Column) -> str:
-    if column.meaning is Meaning.SPECIES:
+    if column.meaning in TEXT:
         return str(column.meaning)
     if column.meaning in (Meaning.LAT, Meaning.LON):
         return f"{column.meaning} in degrees"

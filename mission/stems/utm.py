@@ -38,6 +38,9 @@ _ALPHA = (
 )
 
 
+_NATIONAL = {"3006": 33, "3067": 35}  # SWEREF99 TM, ETRS-TM35FIN: a zone each, used beyond its edges
+
+
 @dataclass(frozen=True, slots=True)
 class Zone:
     """One of the 120 halves of zones."""
@@ -62,7 +65,8 @@ def zone_of(text: str) -> Zone | None:
     else:
         coded = _EPSG.fullmatch(text.strip())
         if not coded:
-            return None
+            national = _NATIONAL.get(text.strip().upper().removeprefix("EPSG:"))
+            return None if national is None else Zone(national, south=False)
         number, south = int(coded[2]), coded[1] == "327"
     return Zone(number, south) if 1 <= number <= 60 else None
 

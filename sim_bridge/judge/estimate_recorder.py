@@ -59,6 +59,15 @@ class EstimateFigures:
         return dataclasses.asdict(self)
 
 
+TITLES: Final = {
+    "relative_error_m": "reported leader off the truth",
+    "relative_error_sds": "the same over its sd",
+    "leader_error_d2_m": "leader off d2 by its own vector",
+    "handover_jump_m": "jump of d2 at a handover",
+    "handover_step_mps": "step of a setpoint at a handover",
+}
+
+
 def definitions() -> dict[str, str]:
     """Name -> definition of every figure in `EstimateFigures`, for the documentation."""
     hints = get_type_hints(EstimateFigures, include_extras=True)

@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -20,6 +21,7 @@ EXAMPLES = Path(mission.__file__).parent / "examples"
 MANAGED, NATURAL, LONE_TREE = (
     str(EXAMPLES / f"{name}.toml") for name in ("managed_stand", "natural_stand", "lone_tree")
 )
+SVG = "{http://www.w3.org/2000/svg}"
 Captured = pytest.CaptureFixture[str]
 
 
@@ -136,8 +138,7 @@ def test_import_says_what_was_read_filled_in_and_dropped(foreign: Path, tmp_path
     assert said.splitlines() == [
         f"{out}: 1 tree",
         "  read Easting as easting in m (it has no unit), Northing as northing in m (it has no unit), BHD as diameter "
-        "at breast height in cm (it has no unit), Hoehe as height in m (it has no unit), Baumart as species",
-        "  ignored Nr",
+        "at breast height in cm (it has no unit), Hoehe as height in m (it has no unit), Baumart as species, Nr as id",
         "  converted from UTM 32N",
         "  placed about the origin 46.9985682, 9.0002006",
         "  filled in the crown base of 1 of 1 tree, at 0.6 of its height",
@@ -276,6 +277,44 @@ def test_draw_writes_a_plan(tmp_path: Path, capsys: Captured) -> None:
     assert run(capsys, "draw", str(stems), "--out", str(out))[0] == 0
     assert ">d2</text>" not in out.read_text()
     assert "must end in .svg" in run(capsys, "draw", str(stems), "--out", str(tmp_path / "plan.png"))[2]
+
+
+def test_a_plan_has_a_grid_a_scale_and_north_and_fits_its_window(tmp_path: Path, capsys: Captured) -> None:
+    out, stems = tmp_path / "plan.svg", tmp_path / "stems.csv"
+    stems.write_text("x,y,dbh_cm,id\n0,0,30,A<1\n100,50,30,\n")
+    assert run(capsys, "draw", str(stems), "--out", str(out))[0] == 0
+    root = ElementTree.fromstring(out.read_text())
+    assert (root.attrib["width"], root.attrib["height"]) == ("100%", "100%")
+    left, top, wide, high = (float(number) for number in root.attrib["viewBox"].split())
+    texts = [(node.text, float(node.attrib["x"]), float(node.attrib["y"])) for node in root.iter(f"{SVG}text")]
+    at = {text: (x, y) for text, x, y in texts}
+    assert at["100"][0] == 100.0, "the line of 100 m east is labelled where it is"
+    assert at["50"][0] < -5.0 or [y for text, x, y in texts if text == "50" and x < -5.0]
+    assert {"10 m", "N", "metres east of the origin", "metres north"} <= at.keys()
+    assert all(left <= x <= left + wide and top <= y <= top + high for _, x, y in texts)
+    assert "°" not in out.read_text()
+    assert "A<1" not in at
+
+    assert run(capsys, "draw", str(stems), "--ids", "--out", str(out))[0] == 0
+    (named,) = [node for node in ElementTree.fromstring(out.read_text()).iter(f"{SVG}text") if node.text == "A<1"]
+    assert 0.0 < float(named.attrib["x"]) < 2.0
+
+
+def test_a_plan_on_earth_has_latitudes_and_longitudes(tmp_path: Path, capsys: Captured) -> None:
+    out, stems = tmp_path / "plan.svg", tmp_path / "stems.csv"
+    stems.write_text("lat,lon,dbh_cm\n47.0,8.0,30\n47.0005,8.001,30\n47.0002,8.0003,30\n")
+    assert run(capsys, "draw", str(stems), "--out", str(out))[0] == 0
+    texts = [node.text or "" for node in ElementTree.fromstring(out.read_text()).iter(f"{SVG}text")]
+    degrees = [float(text.removesuffix("°")) for text in texts if text.endswith("°")]
+    assert any(46.9999 < value < 47.0006 for value in degrees)
+    assert any(7.9999 < value < 8.0011 for value in degrees)
+    assert "metres east of the origin, 47.0002000, 8.0003000 (WGS84)" in texts
+
+
+def test_ids_that_are_not_there_are_refused(tmp_path: Path, capsys: Captured) -> None:
+    code, _, err = run(capsys, "draw", MANAGED, "--ids", "--out", str(tmp_path / "plan.svg"))
+    assert code == 2
+    assert "has no ids of trees to draw" in err
 
 
 def test_draw_of_nothing_is_refused(tmp_path: Path, capsys: Captured) -> None:

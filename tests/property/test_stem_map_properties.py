@@ -16,7 +16,8 @@ from mission.common.frames import Wgs84
 from mission.common.problems import MissionError, Problem
 from mission.schema.trees import StandTree
 from mission.stems import utm
-from mission.stems.columns import column_of, number
+from mission.stems.columns import column_of
+from mission.stems.numbers import COMMA, POINT, is_ambiguous, number, signs_of
 from mission.stems.stem_map import read_stems
 from mission.stems.write import to_csv, to_geojson
 
@@ -176,7 +177,67 @@ def test_a_zone_is_mirrored_at_the_equator_and_its_meridian(lat: float, number_:
 @given(st.text(max_size=30))
 def test_any_text_is_a_column_or_none_and_a_finite_number_or_none(text: str) -> None:
     column_of(text)
-    found = number(text, decimal_comma=True)
-    assert found is None or math.isfinite(found)
+    for signs in (POINT, COMMA, signs_of([text], "")):
+        found = number(text, signs)
+        assert found is None or math.isfinite(found)
+        assert found is None or not is_ambiguous(text, signs)
     zone = utm.zone_of(text)
     assert zone is None or 1 <= zone.number <= 60
+
+
+SEPARATORS = st.sampled_from(["", " ", "\u00a0", "\u202f", "'", "’"])
+
+
+def grouped(digits: str, separator: str) -> str:
+    """1234567 as 1.234.567."""
+    head = len(digits) % 3 or 3
+    return separator.join([digits[:head], *(digits[k : k + 3] for k in range(head, len(digits), 3))])
+
+
+whole = st.integers(0, 10**9).map(str)
+part = st.text("0123456789", min_size=1, max_size=8)
+sign = st.sampled_from(["", "-", "+"])
+
+
+@given(sign, whole, part, SEPARATORS, st.sampled_from(".,"))
+def test_a_number_is_the_same_by_a_point_a_comma_and_with_thousands_apart(
+    minus: str, digits: str, decimals: str, separator: str, decimal: str
+) -> None:
+    """`signs_of` finds the sign of a number that says it, which is read as Python reads it."""
+    expected = float(f"{minus}{digits}.{decimals}")
+    text = f"{minus}{grouped(digits, separator)}{decimal}{decimals}"
+    for signs in (signs_of([text, f"0{decimal}5"], ""), COMMA if decimal == "," else POINT):
+        assert number(text, signs) == expected
+    other = "," if decimal == "." else "."
+    if len(digits) > 3:
+        apart = f"{minus}{grouped(digits, other)}{decimal}{decimals}"
+        assert number(apart, signs_of([apart], "")) == expected
+
+
+@given(sign, st.integers(1, 999), st.integers(0, 999), st.sampled_from(".,"))
+def test_one_sign_before_three_digits_is_read_only_as_the_file_shows_it(
+    minus: str, head: int, tail: int, separator: str
+) -> None:
+    text = f"{minus}{head}{separator}{tail:03}"
+    other = "," if separator == "." else "."
+    small, large = float(f"{minus}{head}.{tail:03}"), float(f"{minus}{head}{tail:03}")
+    alone = signs_of([text, "12", "7"], "")
+    assert is_ambiguous(text, alone)
+    assert number(text, alone) is None
+    assert number(text, signs_of([text, f"0{separator}25"], "")) == small
+    assert number(text, signs_of([text, f"1{separator}234{separator}567"], "")) == large
+    assert number(text, signs_of([text, f"1{separator}234{other}5"], "")) == large
+    both = signs_of([text, f"0{separator}25", f"1{separator}234{other}5"], "")
+    assert is_ambiguous(text, both)
+    mixed = signs_of([text, f"0{other}25"], "")
+    assert is_ambiguous(text, mixed), "the other sign is decimal: this one may be of thousands, or another writer's"
+
+
+@given(sign, whole, part, st.sampled_from(".,"))
+def test_what_the_user_says_of_the_decimal_sign_holds(minus: str, digits: str, decimals: str, decimal: str) -> None:
+    said, opposite = (COMMA, POINT) if decimal == "," else (POINT, COMMA)
+    text = f"{minus}{digits}{decimal}{decimals}"
+    assert number(text, said) == float(f"{minus}{digits}.{decimals}")
+    found = number(text, opposite)
+    assert found in (None, float(f"{minus}{digits}{decimals}"))
+    assert found is None or len(decimals) == 3

@@ -45,16 +45,44 @@ def missed(reached: bool) -> dict[str, Any]:
     return {**limit, "reached": reached}
 
 
+FLOWN = "1 of 1 flights arrived, with no contacts, never nearer than 5.10 m."
+
+
 def test_the_answer_counts_arrivals_and_contacts() -> None:
     rows = [row(1), row(2, contacts=1, min_separation_m=0.5), row(3, arrived=False)]
-    assert answer(rows, summarise(rows), []) == "2 of 3 flights arrived, with 1 contact, never nearer than 0.50 m."
+    assert answer(rows, summarise(rows), []) == (
+        "UNSAFE: 2 of 3 flights arrived (1 UNSAFE, 1 INCOMPLETE), with 1 contact, never nearer than 0.50 m."
+    )
+
+
+def test_the_verdict_is_the_first_word_whatever_arrived() -> None:
+    rows = [row(1, grade="ARRIVED"), row(2, grade="UNSAFE"), row(3, grade="DEGRADED")]
+    told = answer(rows, summarise(rows), [])
+    assert told.startswith("UNSAFE: 3 of 3 flights arrived (1 UNSAFE, 1 DEGRADED), with no contacts")
+    assert answer(rows[:1], summarise(rows[:1]), []).startswith("ARRIVED: 1 of 1 flights arrived, with no")
+    told = answer(rows, summarise(rows), [missed(True)])
+    assert told.startswith("PASSED: the limit reached. 3 of 3 flights arrived (1 UNSAFE, 1 DEGRADED)")
+
+
+def test_every_limit_that_is_missed_is_named_with_its_unit_up_to_six() -> None:
+    share = {**missed(False), "case": "size=4", "figure": "overhead_last", "must": 0.05, "seen": 0.123}
+    wide = [{**missed(False), "case": f"size={n}", "seen": seen} for n, seen in ((4, 4.2), (8, 3.1), (12, 4.0))]
+    others = [{**missed(False), "run": f"run {k}"} for k in range(6)]
+    told = answer([row(1)], summarise([row(1)]), [missed(True), share, *wide, *others])
+    assert told.startswith(
+        "FAILED: 10 of 11 limits missed: ours size=4: overhead of the last, %: worst 12.3, must be at most 5; "
+        "ours size=8: least separation, m: worst 3.1, must be at least 5 (3 cases); run 0: least"
+    )
+    assert "; and 2 more. 1 of 1 flights arrived" in told
+    none = {**missed(False), "seen": None}
+    assert "worst none, must be at least 5" in answer([row(1)], summarise([row(1)]), [none])
 
 
 def test_the_answer_tells_runs_apart_and_flights_that_never_ended_count_as_not_arrived() -> None:
     failed = {**row(2, "other"), "status": "failed", "error": "died"}
     rows = [row(1), row(1, "other"), failed]
     assert answer(rows, summarise(rows), []) == (
-        "ours: 1 of 1 flights arrived, with no contacts, never nearer than 5.10 m; "
+        "FAILED: ours: 1 of 1 flights arrived, with no contacts, never nearer than 5.10 m; "
         "other: 1 of 2 flights arrived, with no contacts, never nearer than 5.10 m."
     )
 
@@ -62,18 +90,18 @@ def test_the_answer_tells_runs_apart_and_flights_that_never_ended_count_as_not_a
 @pytest.mark.parametrize(
     ("verdicts", "begins"),
     [
-        ([missed(True)], "The limit is reached. "),
-        ([missed(True)] * 3, "All 3 limits are reached. "),
+        ([missed(True)], "PASSED: the limit reached. "),
+        ([missed(True)] * 3, "PASSED: all 3 limits reached. "),
         (
             [missed(True), missed(False)],
-            "1 of 2 limits is missed; the first: ours, min_separation_m, worst 4.2, must be at least 5. ",
+            "FAILED: 1 of 2 limits missed: ours: least separation, m: worst 4.2, must be at least 5. ",
         ),
     ],
     ids=["reached", "all reached", "missed"],
 )
 def test_limits_come_first_in_the_answer(verdicts: list[dict[str, Any]], begins: str) -> None:
     rows = [row(1)]
-    assert answer(rows, summarise(rows), verdicts) == f"{begins}{answer(rows, summarise(rows), [])}"
+    assert answer(rows, summarise(rows), verdicts) == f"{begins}{FLOWN}"
 
 
 def test_the_worst_flights_are_those_that_failed_and_the_worst_of_each_figure() -> None:
@@ -81,7 +109,7 @@ def test_the_worst_flights_are_those_that_failed_and_the_worst_of_each_figure() 
     found = {one["seed"]: why for one, why in worst(rows)}
     assert found == {
         4: "not arrived; worst of contacts: 2",
-        5: "2 contacts; worst of overhead of the last against a straight flight, %: 50",
+        5: "2 contacts; worst of overhead of the last, %: 50",
         1: "worst of least separation, m: 5.1",
     }
     assert worst([row(1), row(1)]) == []
@@ -89,6 +117,7 @@ def test_the_worst_flights_are_those_that_failed_and_the_worst_of_each_figure() 
 
 def test_every_key_of_a_study_is_documented(tmp_path: Path) -> None:
     found = document(tmp_path, [row(1), row(2)], [missed(True)], "a study")
+    assert found["must"][0]["figure"] == "least separation, m"
     inner = found["figures"][0]
     keys = {key for key in found if key not in ("figures", "worst")} | {"figures[].name"}
     keys |= {f"figures[].cases[].{key}" for key in inner["cases"][0]} | {f"worst[].{key}" for key in found["worst"][0]}
@@ -101,7 +130,7 @@ def test_every_seed_is_in_the_distribution_of_its_case(tmp_path: Path) -> None:
     assert found["title"] == "a study"
     drawn = {figure["name"]: figure["cases"] for figure in found["figures"]}
     assert [case["seeds"] for case in drawn["least separation, m"]] == [[[1, 5.1], [2, 5.2]], [[1, 5.1]]]
-    overhead = drawn["overhead of the last against a straight flight, %"]
+    overhead = drawn["overhead of the last, %"]
     assert [(case["name"], case["seeds"], case["mean"]) for case in overhead] == [
         ("ours", [[1, 10.0], [2, 20.0]], 15.0)
     ]
@@ -118,7 +147,7 @@ def test_worst_flights_are_flown_again_the_same_to_the_bit_and_linked(
     assert f"report: {out / 'report.html'}" in said.out
     assert re.search(r"replayed: ours, seed \d\n", said.err)  # and not that it was another flight
     assert cli.main(["report", str(out)]) == 0
-    assert capsys.readouterr().out.startswith("2 of 2 flights arrived, with no contacts")
+    assert capsys.readouterr().out.startswith("INCOMPLETE: 2 of 2 flights arrived (2 INCOMPLETE), with no contacts")
     held = re.search(r'id="data">([^<]*)<', (out / "report.html").read_text(encoding="utf-8"))
     assert held is not None
     found = unpack(held[1])

@@ -37,7 +37,7 @@ def test_worst_is_the_least_where_less_is_worse() -> None:
 @pytest.mark.parametrize("terminal", [True, False])
 def test_the_table_is_read_at_80_columns(terminal: bool) -> None:
     row = {"run": "the whole stack", "law": "ours", "backend": "point-mass", "status": "flown", "arrived": True}
-    shown = [figure for figure in FLIGHT if figure.column]
+    shown = [figure for figure in FLIGHT if figure.in_table]
     figures = {figure.name: 123.456 for figure in shown}
     rows = [row | figures | {"n": n, "settings": {"swarm.size": n}, "contacts": k} for n in (4, 8) for k in (0, 7)]
     told = io.StringIO()
@@ -48,7 +48,7 @@ def test_the_table_is_read_at_80_columns(terminal: bool) -> None:
     assert len(lines) > 2 if terminal else len(lines) == 2
     assert sum(line.count(" ± ") for line in lines) == 2 * len(shown)
     assert all(re.search(r"  size=[48]  +2/2  ", line) for line in lines)
-    for heading in (figure.column for figure in shown):
+    for heading in (figure.heading for figure in shown):
         assert text.count(heading) == 1
 
 

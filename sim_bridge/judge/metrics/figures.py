@@ -28,8 +28,9 @@ LESS, MORE = Better.LESS, Better.MORE
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Shown:
     better: Better | None = None  # None: neither, and studies do not put it together
-    column: str = ""  # heading in a study's table; empty: it is not there
-    heading: str = ""  # on a study's page; empty: it is not there
+    title: str = ""  # name that people see; of each that studies put together
+    in_table: bool = False  # of a study
+    on_page: bool = False  # of a study
     of_flight: Callable[[Row], float | None] | None = None  # how to work it out of others; None: a flight has it
     of_case: Callable[[Sequence[Row]], float | None] | None = None  # of all flights of a case together
 
@@ -41,6 +42,11 @@ class Figure(_Shown):
     name: str
     unit: str
     text: str
+
+    @property
+    def heading(self) -> str:
+        """Title with the unit of what people see: one name in tables, plots, pages and limits of studies."""
+        return f"{self.title}, {self.shown_unit}" if self.shown_unit else self.title
 
     @property
     def worst(self) -> Callable[[Sequence[float]], float]:
@@ -112,6 +118,7 @@ FIGURES: Final[tuple[Figure, ...]] = (
         "An acting leader came within route.arrival_distance_m of d2 (0.5 m more where sim.estimates err: it goes "
         "by what it is told), and then or later the swarm was gathered.",
         better=MORE,
+        title="arrived",
     ),
     Figure(
         "visited",
@@ -138,14 +145,16 @@ FIGURES: Final[tuple[Figure, ...]] = (
         "s",
         "From departure until an acting leader, whichever it is then, is first within route.arrival_distance_m of d2.",
         better=LESS,
-        column="arrival s",
+        title="arrival of the leader",
+        in_table=True,
     ),
     Figure(
         "arrival_last_s",
         "s",
         "From departure until the swarm is first gathered, not before the arrival of the leader.",
         better=LESS,
-        heading="arrival of all, s",
+        title="arrival of all",
+        on_page=True,
     ),
     Figure(
         "overhead_leader",
@@ -153,15 +162,17 @@ FIGURES: Final[tuple[Figure, ...]] = (
         "arrival_leader_s / straight_time_s - 1. One vehicle alone is above 0 too: it speeds up, and slows down "
         "before d2.",
         better=LESS,
-        column="overhead leader",
+        title="overhead of the leader",
+        in_table=True,
     ),
     Figure(
         "overhead_last",
         SHARE,
         "arrival_last_s / straight_time_s - 1.",
         better=LESS,
-        column="overhead last",
-        heading="overhead of the last against a straight flight, %",
+        title="overhead of the last",
+        in_table=True,
+        on_page=True,
     ),
     Figure(
         "min_separation_m",
@@ -171,8 +182,9 @@ FIGURES: Final[tuple[Figure, ...]] = (
         "in layers of height (`separation.height_layers`): the least level distance of two whose heights differ by "
         "less than 1.5 m.",
         better=MORE,
-        column="separation m",
-        heading="least separation, m",
+        title="least separation",
+        in_table=True,
+        on_page=True,
     ),
     Figure("closest", "ids", "Ids of the two vehicles of min_separation_m."),
     Figure("closest_at_s", "s", "Simulated time of min_separation_m."),
@@ -181,8 +193,9 @@ FIGURES: Final[tuple[Figure, ...]] = (
         "",
         "contacts_vehicles + contacts_trunks + contacts_crowns + contacts_boxes + contacts_ground.",
         better=LESS,
-        column="contacts",
-        heading="contacts",
+        title="contacts",
+        in_table=True,
+        on_page=True,
     ),
     Figure(
         "contacts_vehicles",
@@ -190,6 +203,7 @@ FIGURES: Final[tuple[Figure, ...]] = (
         "Times that two vehicles came closer than 0.7 m, centre to centre (hulls of 0.35 m touch), with one of them "
         "airborne. A contact counts once for as long as it lasts. In the bridge both fall and are lost.",
         better=LESS,
+        title="contacts between vehicles",
     ),
     Figure(
         "contacts_trunks",
@@ -198,18 +212,21 @@ FIGURES: Final[tuple[Figure, ...]] = (
         "the bridge such a vehicle falls and is lost; the first thing that one runs into counts, and nothing "
         "after it.",
         better=LESS,
+        title="trunks struck",
     ),
     Figure(
         "contacts_crowns",
         "",
         "Vehicles whose centre came into a crown, between its base and its top.",
         better=LESS,
+        title="crowns flown into",
     ),
     Figure(
         "contacts_boxes",
         "",
         "The same as contacts_trunks with a box.",
         better=LESS,
+        title="boxes struck",
     ),
     Figure(
         "contacts_ground",
@@ -217,6 +234,7 @@ FIGURES: Final[tuple[Figure, ...]] = (
         "With [sensing]: vehicles that met the ground faster than a landing does, at more than 1 m/s level or 2.5 "
         "m/s down.",
         better=LESS,
+        title="hard contacts with the ground",
     ),
     Figure(
         "fence_exceeded_m",
@@ -224,6 +242,7 @@ FIGURES: Final[tuple[Figure, ...]] = (
         "Greatest distance outside of fence.polygon_enu_m (level) or above fence.altitude_max_m of a vehicle off the "
         "ground, before it ran into anything. 0: none left the fence.",
         better=LESS,
+        title="farthest outside the fence",
     ),
     Figure(
         "trunk_clearance_min_m",
@@ -231,20 +250,23 @@ FIGURES: Final[tuple[Figure, ...]] = (
         "Least level distance from the centre of an airborne vehicle to the surface of a trunk that reaches "
         "higher than it, before it ran into anything. None: never within 20 m.",
         better=MORE,
-        heading="nearest to a trunk, m",
+        title="nearest to a trunk",
+        on_page=True,
     ),
     Figure(
         "box_clearance_min_m",
         "m",
         "The same to the surface of a box.",
         better=MORE,
-        heading="nearest to a box, m",
+        title="nearest to a box",
+        on_page=True,
     ),
     Figure(
         "speed_mean_transit_mps",
         "m/s",
         "Level speed of the alive airborne vehicles over the ground, mean over phase TRANSIT.",
         better=MORE,
+        title="mean speed in transit",
     ),
     Figure(
         "connected_fraction_transit",
@@ -252,14 +274,16 @@ FIGURES: Final[tuple[Figure, ...]] = (
         "Share of the ticks of phase TRANSIT in which all alive vehicles were one component of G. One that sits "
         "on the ground is apart; one alone is connected.",
         better=MORE,
-        column="connected",
-        heading="connected in transit, %",
+        title="connected in transit",
+        in_table=True,
+        on_page=True,
     ),
     Figure(
         "connected_fraction_coverage",
         SHARE,
         "The same in phase COVERAGE.",
         better=MORE,
+        title="connected in coverage",
     ),
     Figure(
         "splits",
@@ -271,13 +295,15 @@ FIGURES: Final[tuple[Figure, ...]] = (
         "s",
         "Longest time from such a split until they were one component again, or the flight was over.",
         better=LESS,
-        heading="longest partition, s",
+        title="longest partition",
+        on_page=True,
     ),
     Figure(
         "rejoin_s",
         "s",
         "The same of those splits that ended in the flight. None with splits above 0: none did.",
         better=LESS,
+        title="longest partition that ended",
     ),
     Figure(
         "lambda2_mean_transit",
@@ -300,6 +326,7 @@ FIGURES: Final[tuple[Figure, ...]] = (
         "difference in azimuth about d2 between neighbours. Sphere: the largest angle at d2 from any direction to "
         "the nearest vehicle.",
         better=LESS,
+        title="coverage gap",
     ),
     Figure(
         "coverage_gap_ideal_deg",
@@ -315,6 +342,7 @@ FIGURES: Final[tuple[Figure, ...]] = (
         "Greatest difference over the last 5 s of phase COVERAGE between coverage.radius_m and the distance to d2 "
         "of an alive airborne vehicle: level, to d2's vertical axis, for a ring; in space for a sphere.",
         better=LESS,
+        title="off the coverage radius",
     ),
     Figure(
         "coverage_settled_s",
@@ -322,6 +350,7 @@ FIGURES: Final[tuple[Figure, ...]] = (
         "From the start of phase COVERAGE until all alive vehicles are covering, and the gap is at most 1.15 "
         "(ring) or 1.2 (sphere) times the ideal for those alive, and both stay so to the end of the phase.",
         better=LESS,
+        title="coverage settled after",
     ),
     Figure(
         "uncovering",
@@ -334,6 +363,7 @@ FIGURES: Final[tuple[Figure, ...]] = (
         "",
         "Most vehicles that acted as leader in the same tick.",
         better=LESS,
+        title="most acting leaders",
     ),
     Figure(
         "acting_leaders_overlap_s",
@@ -345,17 +375,20 @@ FIGURES: Final[tuple[Figure, ...]] = (
         "s",
         "Longest time that two acting leaders were in one component of G; not while a fault cuts radios off.",
         better=LESS,
+        title="two leaders in one part",
     ),
     Figure(
         "leader_changes",
         "",
         "Times that the acting leader was another than the one before; the first does not count.",
         better=LESS,
+        title="changes of the leader",
     ),
     Figure(
         "leaderless_max_s",
         "s",
         "Longest time within phases TRANSIT and COVERAGE without an acting leader.",
         better=LESS,
+        title="longest without a leader",
     ),
 )

@@ -108,7 +108,11 @@ STUDY: Final[dict[str, About]] = {
     "title": About("text", "", "The study's name."),
     "answer": About("text", "", "What it found, in a sentence."),
     "succeeded": About("boolean or null", "", "Every limit is reached; null: it has none."),
-    "must": About("array of objects", "", "must.json: what its cases must reach, and what they did."),
+    "must": About(
+        "array of objects",
+        "",
+        "must.json, with names and units as people see them: what its cases must reach, and what they did.",
+    ),
     "figures[].name": About("text", "", "With its unit."),
     "figures[].cases[].name": About("text", "", "Run, and the settings that tell its cases apart."),
     "figures[].cases[].mean": About("number", "", "Over the seeds."),

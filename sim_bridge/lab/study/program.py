@@ -70,6 +70,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps([group.as_dict() for group in groups]))
     else:
+        print(page.answer(rows, groups, [v.as_dict() for v in verdicts]))
         summary.print_table(groups, Console())
         if verdicts:
             Console().print(must.table(verdicts))

@@ -61,6 +61,7 @@ margin_m = 0.3
 stale_s = 0.3
 sensor = "sectors"
 upside_down = false
+sends_odometry = false
 [forest]
 grade = [0.01, -0.02]
 [forest.stand]

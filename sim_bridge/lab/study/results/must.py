@@ -69,12 +69,13 @@ def table(verdicts: Sequence[Verdict]) -> Table:
         shown.add_column(heading, overflow="fold")
     for v in verdicts:
         sign = ">=" if BY_NAME[v.figure].better is MORE else "<="
-        seen = "-" if v.seen is None else f"{v.seen:.4g}"
+        figure = BY_NAME[v.figure]
+        seen = "-" if v.seen is None else f"{figure.scale * v.seen:.4g}"
         shown.add_row(
             v.run,
             v.case,
-            f"{v.figure}, {v.statistic}",
-            f"{sign} {v.must:g}",
+            f"{figure.heading}: {v.statistic}",
+            f"{sign} {figure.scale * v.must:.6g}",
             seen,
             "reached" if v.reached else "MISSED",
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -11,6 +12,7 @@ from mission import __version__
 from sim_bridge.judge import run_folder
 from sim_bridge.judge.metrics.figures import MORE
 from sim_bridge.judge.page import PAGE_NAME, page
+from sim_bridge.judge.verdict import BAD_FIRST, Grade
 from sim_bridge.lab.study.results.figures import BY_NAME, value_of
 from sim_bridge.lab.study.results.summary import Group, label, summarise, varying
 
@@ -21,6 +23,8 @@ VERSION: Final = 1
 REPLAYS: Final = "replays"  # folder of flights that were flown again: one for each, by its key
 RUNS_NAMED: Final = 6  # in the answer
 FAILURES_SHOWN: Final = 20
+NEVER_ENDED: Final = "never ended"
+MISSED_NAMED: Final = 6  # in the answer
 
 
 def write(folder: Path, rows: Sequence[Row], verdicts: Sequence[Mapping[str, Any]], title: str) -> Path:
@@ -42,7 +46,7 @@ def document(folder: Path, rows: Sequence[Row], verdicts: Sequence[Mapping[str, 
         "title": title,
         "answer": answer(rows, groups, verdicts),
         "succeeded": all(v["reached"] for v in verdicts) if verdicts else None,
-        "must": list(verdicts),
+        "must": [_named(v) for v in verdicts],
         "figures": [
             {
                 "name": BY_NAME[name].heading,
@@ -73,9 +77,16 @@ def document(folder: Path, rows: Sequence[Row], verdicts: Sequence[Mapping[str, 
     }
 
 
+def _named(verdict: Mapping[str, Any]) -> dict[str, Any]:
+    """A verdict with the figure's name for its key, and values as people see them."""
+    name = verdict["figure"]
+    shown = {key: None if verdict[key] is None else BY_NAME[name].scale * verdict[key] for key in ("must", "seen")}
+    return {**verdict, "figure": BY_NAME[name].heading, **shown}
+
+
 def drawn() -> list[str]:
     """Names of the figures that the page draws, in this order."""
-    return [figure.name for figure in BY_NAME.values() if figure.heading]
+    return [figure.name for figure in BY_NAME.values() if figure.on_page]
 
 
 def answer(rows: Sequence[Row], groups: Sequence[Group], verdicts: Sequence[Mapping[str, Any]]) -> str:
@@ -91,25 +102,59 @@ def answer(rows: Sequence[Row], groups: Sequence[Group], verdicts: Sequence[Mapp
         parts.append(f"{run}: {words}" if len(runs) > 1 else words)
     if len(runs) > RUNS_NAMED:
         parts.append(f"and {len(runs) - RUNS_NAMED} more")
-    missed = [v for v in verdicts if not v["reached"]]
     said = "; ".join(parts) + "."
     if not verdicts:
-        return said
+        word = _worst_grade(rows)
+        return f"{word}: {said}" if word else said
+    missed = [v for v in verdicts if not v["reached"]]
     if not missed:
-        return f"{f'All {len(verdicts)} limits are' if len(verdicts) > 1 else 'The limit is'} reached. {said}"
-    first = missed[0]
-    seen = "none" if first["seen"] is None else f"{first['seen']:.4g}"
-    sign = "at least" if BY_NAME[first["figure"]].better is MORE else "at most"
-    place = f"{first['run']} {first['case']}".strip()
-    return (
-        f"{len(missed)} of {len(verdicts)} limits {'is' if len(missed) == 1 else 'are'} missed; the first: {place}, "
-        f"{first['figure']}, {first['statistic']} {seen}, must be {sign} {first['must']:g}. {said}"
+        reached = f"all {len(verdicts)} limits" if len(verdicts) > 1 else "the limit"
+        return f"PASSED: {reached} reached. {said}"
+    alike: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
+    for verdict in missed:
+        alike.setdefault(tuple(verdict[key] for key in ("run", "figure", "statistic", "must")), []).append(verdict)
+    named = "; ".join(_missed(cases) for cases in [*alike.values()][:MISSED_NAMED])
+    more = f"; and {len(alike) - MISSED_NAMED} more" if len(alike) > MISSED_NAMED else ""
+    return f"FAILED: {len(missed)} of {len(verdicts)} limits missed: {named}{more}. {said}"
+
+
+def _missed(cases: Sequence[Mapping[str, Any]]) -> str:
+    """`ours size=8: least separation, m: worst 4.2, must be at least 5`; of several cases the worst, and how many."""
+    figure = BY_NAME[cases[0]["figure"]]
+    verdict = min(
+        cases, key=lambda v: (v["seen"] is not None, v["seen"] if figure.better is MORE else -(v["seen"] or 0.0))
     )
+    seen = "none" if verdict["seen"] is None else f"{figure.scale * verdict['seen']:.4g}"
+    sign = "at least" if figure.better is MORE else "at most"
+    place = f"{verdict['run']} {verdict['case']}".strip()
+    must = f"must be {sign} {figure.scale * verdict['must']:.6g}"
+    count = f" ({len(cases)} cases)" if len(cases) > 1 else ""
+    return f"{place}: {figure.heading}: {verdict['statistic']} {seen}, {must}{count}"
+
+
+def _grade(row: Row) -> str:
+    """Verdict on a flight in a word, as `sim-bridge fly` has it; "" for an estimator's."""
+    if row["status"] != "flown":
+        return NEVER_ENDED
+    if row.get("grade"):
+        return str(row["grade"])
+    if row.get("contacts"):
+        return Grade.UNSAFE
+    return "" if "arrived" not in row else Grade.ARRIVED if row["arrived"] else Grade.INCOMPLETE
+
+
+def _worst_grade(rows: Sequence[Row]) -> str:
+    """Verdict on a study without limits: that on its worst flight."""
+    grades = {_grade(row) for row in rows}
+    return "FAILED" if NEVER_ENDED in grades else next((grade for grade in BAD_FIRST if grade in grades), "")
 
 
 def _of_flights(own: Sequence[Row], total: int, groups: Sequence[Group]) -> str:
     arrived, contacts = sum(bool(row["arrived"]) for row in own), sum(row.get("contacts") or 0 for row in own)
-    words = f"{arrived} of {total} flights arrived, with {contacts or 'no'} contact{'s' * (contacts != 1)}"
+    grades = Counter(_grade(row) for row in own)
+    bad = ", ".join(f"{grades[grade]} {grade}" for grade in BAD_FIRST[:-1] if grades[grade])
+    words = f"{arrived} of {total} flights arrived{f' ({bad})' * bool(bad)}, "
+    words += f"with {contacts or 'no'} contact{'s' * (contacts != 1)}"
     least = [group.figures["min_separation_m"].worst for group in groups if "min_separation_m" in group.figures]
     return words + (f", never nearer than {min(least):.2f} m" if least else "")
 
@@ -150,7 +195,7 @@ def worst(rows: Sequence[Row]) -> list[tuple[Row, str]]:
 
 def _failure(row: Row) -> str:
     if row["status"] != "flown":
-        return "never ended"
+        return NEVER_ENDED
     if not row.get("arrived", True):
         return "not arrived"
     contacts = row.get("contacts") or 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,10 @@ from matplotlib.figure import Figure
 from sim_bridge.lab.plot_style import FEW, RC
 from sim_bridge.lab.study.results.figures import BY_NAME
 from sim_bridge.lab.study.results.summary import SIZE, Group, label, varying
+
+LABEL_CHARS = 40  # of the height of an axis
+LEGEND_CHARS = 85  # of the width of a figure
+LEGEND_LINE_IN = 0.19
 
 
 def draw(groups: Sequence[Group], folder: Path) -> None:
@@ -37,7 +42,7 @@ def draw_costs(costs: Path, file: Path) -> None:
         for index, run in enumerate(sorted({line["run"] for line in timed})):
             points = sorted((line["n"], line["cpu_s"] / line["sim_time_s"]) for line in timed if line["run"] == run)
             axes.loglog(*zip(*points, strict=True), "o-", color=FEW[index % len(FEW)], label=run)
-        axes.set_xlabel("n")
+        axes.set_xlabel("vehicles")
         axes.set_ylabel("processor seconds per simulated second")
         axes.legend()
         figure.savefig(file, metadata={"Software": None})
@@ -69,11 +74,18 @@ def _draw(groups: Sequence[Group], name: str, axis: str, file: Path) -> None:
             series.setdefault(f"{group.run} {others}".strip(), []).append(group)
         for index, (title, members) in enumerate(series.items()):
             members.sort(key=lambda group: _at(group, axis))
-            _series(axes, members, name, axis, title, FEW[index % len(FEW)])
-        axes.set_xlabel("n" if axis == SIZE else axis)
-        axes.set_ylabel(f"{name}, %" if BY_NAME[name].shown_unit == "%" else name)
-        axes.legend()
+            _series(axes, members, name, axis, textwrap.fill(title, LEGEND_CHARS), FEW[index % len(FEW)])
+        axes.set_xlabel("vehicles" if axis == SIZE else axis)
+        axes.set_ylabel(textwrap.fill(BY_NAME[name].heading, LABEL_CHARS))
+        _place_legend(figure)
         figure.savefig(file, metadata={"Software": None})
+
+
+def _place_legend(figure: Figure) -> None:
+    """Below the axes, and the figure as much taller: names of cases are as long as a study makes them."""
+    legend = figure.legend(loc="outside lower center")
+    lines = sum(text.get_text().count("\n") + 1 for text in legend.get_texts())
+    figure.set_figheight(figure.get_figheight() + LEGEND_LINE_IN * lines)
 
 
 def _series(axes: Any, members: Sequence[Group], name: str, axis: str, title: str, colour: str) -> None:

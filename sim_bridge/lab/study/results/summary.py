@@ -182,7 +182,7 @@ def print_table(groups: Sequence[Group], console: Console) -> None:
 def shown_in_table(groups: Sequence[Group]) -> list[str]:
     """Names of the figures that the table has."""
     having = dict.fromkeys(figure for group in groups for figure in figures_of(group.backend))
-    return [figure.name for figure in having if figure.column]
+    return [figure.name for figure in having if figure.in_table]
 
 
 def _width(table: Table, console: Console) -> int:
@@ -193,7 +193,7 @@ def _table(groups: Sequence[Group], names: Sequence[str]) -> Table:
     table = Table(title="mean ± 95 % interval of the mean, Student's t (worst)", title_justify="left", box=SIMPLE)
     table.add_column("run", overflow="fold")
     table.add_column("case", overflow="fold")
-    for heading in ("arrived", *(BY_NAME[name].column for name in names)):
+    for heading in ("arrived", *(BY_NAME[name].heading for name in names)):
         table.add_column(heading, no_wrap=True)
     varied = varying(groups)
     for group in groups:
@@ -219,12 +219,11 @@ def label(group: Group, keys: Iterable[str]) -> str:
 
 
 def shown(name: str, found: Spread | None) -> str:
-    """In words; percent where the figure is a share."""
+    """In words, without the unit, which the heading has."""
     if found is None:
         return "-"
-    figure = BY_NAME[name]
-    scale, unit = figure.scale, " %" if figure.shown_unit == "%" else ""
+    scale = BY_NAME[name].scale
     if found.high is None:
-        return f"{scale * found.mean:.4g}{unit}"
+        return f"{scale * found.mean:.4g}"
     half = scale * (found.high - found.mean)
-    return f"{scale * found.mean:.4g} ± {half:.2g}{unit} ({scale * found.worst:.4g})"
+    return f"{scale * found.mean:.4g} ± {half:.2g} ({scale * found.worst:.4g})"

@@ -150,7 +150,7 @@ def test_check_accepts_a_mission_for_other_aircraft_and_says_so(
     file.write_text(FAST + ORIGIN)
 
     assert main(["check", str(file)]) == 0
-    first, second = capsys.readouterr().out.splitlines()
+    first, _, second = capsys.readouterr().out.splitlines()
     assert ": ok: unnamed, 8 vehicles" in first
     assert second.startswith(f"  not for the simulator: {file}:7: limits.speed_max_mps = 13.0: must be at most 12 m/s")
     assert main(["check", "--json", str(file)]) == 0

@@ -49,12 +49,12 @@ def test_names_units_and_separators_of_others_are_understood(written: Any, heade
 
 
 def test_what_was_understood_filled_in_and_ignored_is_said(written: Any) -> None:
-    stems = read_stems(written("x,y,dbh,h,spp,tag\n1,2,30,,fichte,a\n5,6,20,15,Sorbus,b\n8,8,22,16,,c\n"))
+    stems = read_stems(written("x,y,dbh,h,spp,plot\n1,2,30,,fichte,a\n5,6,20,15,Sorbus,b\n8,8,22,16,,c\n"))
 
     assert stems.notes == (
         "read x as east in m (it has no unit), y as north in m (it has no unit), dbh as diameter at breast height in "
         "cm (it has no unit), h as height in m (it has no unit), spp as species",
-        "ignored tag",
+        "not read: plot",
         "filled in the height of 1 of 3 trees, by the curve of its diameter and species",
         f"filled in the crown base of 3 of 3 trees, at {CROWN_BASE_SHARE} of its height",
         "filled in the crown radius of 3 of 3 trees, by its diameter and species",
@@ -115,7 +115,7 @@ def test_a_map_of_ours_is_read_back_without_loss(written: Any) -> None:
             "x,y,dbh_cm," + ",".join(f"c{k}" for k in range(200)) + "\n",
             "stems.csv:1: has 203 columns: must have at most",
         ),
-        (b"\xff\xfe\x00x", "stems.csv:1: not UTF-8 text: byte 0xff"),
+        (b"\xff\xfe\x00", "stems.csv: not UTF-16 text, as its first two bytes say"),
         (b"\x89PNG\r\n\x1a\n", "stems.csv:1: not UTF-8 text: byte 0x89"),
         (
             "x,y,dbh_cm,height_m,crown_base_m\n1,2,30,20,21\n",
@@ -188,7 +188,7 @@ def test_heights_in_feet_are_told(written: Any) -> None:
     stems = read_stems(written("x,y,dbh_cm,height_ft,plot_ft\n1,2,30,60,4\n"))
 
     assert stems.notes[1:3] == (
-        "ignored height_ft, plot_ft",
+        "not read: height_ft, plot_ft",
         "convert height_ft to metres to have it read: inches and feet are not",
     )
 
@@ -289,6 +289,8 @@ def test_degrees_that_are_none_are_refused(written: Any, lat: str, lon: str, mes
         ("EPSG:32632", "UTM 32N"),
         ("epsg::32707", "UTM 7S"),
         ("25833", "UTM 33N"),
+        ("EPSG:3006", "UTM 33N"),
+        ("3067", "UTM 35N"),
     ],
 )
 def test_zones_are_known_by_their_names(text: str, zone: str) -> None:

@@ -84,7 +84,7 @@ def test_trees_of_a_zone_are_placed_as_those_of_a_csv_in_it(tmp_path: Path) -> N
     assert (stems.trees[0].height_m, stems.trees[0].species) == (21.0, "Picea abies")
     notes = "\n".join(stems.notes)
     assert "converted from UTM 32N" in notes
-    assert "ignored fid, crew" in notes
+    assert "not read: fid, crew" in notes
     assert "filled in the height of 1 of 2 trees" in notes
 
 

@@ -5,6 +5,8 @@ import { shown } from "./figures.js";
 const SVG = "http://www.w3.org/2000/svg";
 const ROW_PX = 26;
 const NAME_PX = 210;
+const NAME_CHARS = 32; // of a line of a case's name
+const LINE_PX = 13;
 const WIDE_PX = 760;
 
 function svg(tag, attributes, ...children) {
@@ -24,13 +26,27 @@ function ticks(low, high, count) {
   return found;
 }
 
+// A case's name in lines of at most NAME_CHARS, broken between its settings; a longer word is broken where it must be.
+export function wrapped(name) {
+  const lines = [""];
+  for (const word of name.split(" ").flatMap((one) => one.match(new RegExp(`.{1,${NAME_CHARS}}`, "g")) ?? [])) {
+    const last = lines.at(-1);
+    if (!last) lines[lines.length - 1] = word;
+    else if (last.length + 1 + word.length <= NAME_CHARS) lines[lines.length - 1] = `${last} ${word}`;
+    else lines.push(word);
+  }
+  return lines;
+}
+
 // A dot for each seed, a line for each case; its mean, with the 95 % interval.
 function distribution({ name, cases }) {
   const values = cases.flatMap(({ seeds, low, high }) => [...seeds.map(([, value]) => value), low, high]).filter((v) => v !== null);
   const [low, high] = [Math.min(...values), Math.max(...values)];
   if (low === high) return el("section", { class: "distribution" }, el("h3", {}, name), el("p", { class: "note" }, `${shown(low)} in every flight`));
   const x = (value) => NAME_PX + 12 + ((value - low) / (high - low)) * (WIDE_PX - NAME_PX - 40);
-  const height = cases.length * ROW_PX + 26;
+  const names = cases.map((one) => wrapped(one.name));
+  const heights = names.map((lines) => Math.max(ROW_PX, LINE_PX * (lines.length + 1)));
+  const height = heights.reduce((sum, one) => sum + one, 26);
   const drawn = svg("svg", { viewBox: `0 0 ${WIDE_PX} ${height}`, role: "group", "aria-label": `${name}, by case and seed` });
   for (const tick of ticks(low, high, 7)) {
     drawn.append(
@@ -38,12 +54,17 @@ function distribution({ name, cases }) {
       svg("text", { x: x(tick), y: height - 6, "text-anchor": "middle" }, shown(tick)),
     );
   }
-  cases.forEach((one, index) => drawn.append(line(one, index * ROW_PX + ROW_PX / 2, x)));
+  let top = 0;
+  cases.forEach((one, index) => {
+    drawn.append(line(one, names[index], top + heights[index] / 2, x));
+    top += heights[index];
+  });
   return el("section", { class: "distribution" }, el("h3", {}, name), el("div", { class: "wide", tabindex: "0" }, drawn));
 }
 
-function line(one, y, x) {
-  const group = svg("g", {}, svg("text", { x: NAME_PX, y: y + 4, "text-anchor": "end" }, one.name.length > 32 ? `${one.name.slice(0, 31)}…` : one.name, svg("title", {}, one.name)));
+function line(one, name, y, x) {
+  const first = y + 4 - (LINE_PX * (name.length - 1)) / 2;
+  const group = svg("g", {}, ...name.map((text, row) => svg("text", { x: NAME_PX, y: first + LINE_PX * row, "text-anchor": "end" }, text)));
   for (const [seed, value, replay] of one.seeds) {
     const dot = svg("circle", { cx: x(value), cy: y + ((seed * 7) % 9) - 4, r: replay ? 5 : 3, class: replay ? "dot linked" : "dot" }, svg("title", {}, `seed ${seed}: ${shown(value)}`));
     group.append(replay ? svg("a", { href: replay, "aria-label": `replay of seed ${seed}` }, dot) : dot);
