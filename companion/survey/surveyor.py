@@ -26,7 +26,7 @@ from mission.schema.trees import BREAST_HEIGHT_M
 TRACK_S: Final = 2.0
 # Of the mean between the odometry's frame and the mission's: satellites wander faster, and the odometry drifts slower
 ANCHOR_S: Final = 12.0
-ANCHOR_BY_RANGES_S: Final = 2.0  # the localiser's own frame does not wander, and the odometry is turned by its compass
+ANCHOR_BY_RANGES_S: Final = 30.0  # the way to d2, by which followers without satellites know it, wanders by a metre
 TRACKED_S: Final = 0.3  # lately
 POSE_SD_M: Final = 0.02  # of the own motion during a pass
 LEVEL_BAND_M: Final = 0.6  # above and below a lidar of one layer: it leans by 5 degrees, 0.6 m at 7 m

@@ -54,7 +54,7 @@ def measured(*, up_m: float = 4.0, offset_ne_m: tuple[float, float] = (0.0, 0.0)
         )
         surveyor.integrate(turn_from(number, east_m), pose, now_s)
         bodies += surveyor.take_records(pose, now_s)
-    bodies += surveyor.take_records(pose_at(6.1, airborne=False), 6.1)
+    bodies += surveyor.take_records(pose_at(6.1, airborne=False, to_mission_ne_m=offset_ne_m), 6.1)
     return [decode(body, 7) for kind, body in bodies if kind == STEM_KIND]
 
 
