@@ -24,13 +24,17 @@ from mission.schema.kinds import RAW_LIDARS
 from mission.schema.trees import BREAST_HEIGHT_M
 
 TRACK_S: Final = 2.0
-ANCHOR_S: Final = 30.0  # of the slow mean between the odometry's frame and the mission's: satellites wander faster
+# Of the mean between the odometry's frame and the mission's: satellites wander faster, and the odometry drifts slower
+ANCHOR_S: Final = 12.0
+ANCHOR_BY_RANGES_S: Final = 30.0  # the way to d2, by which followers without satellites know it, wanders by a metre
+TRACKED_S: Final = 0.3  # lately
 POSE_SD_M: Final = 0.02  # of the own motion during a pass
 LEVEL_BAND_M: Final = 0.6  # above and below a lidar of one layer: it leans by 5 degrees, 0.6 m at 7 m
 BREAST_BAND_M: Final = 0.8  # above and below breast height
 # Of the height of a level cut above the ground at the stem: a barometer's, and ground that is not that of the origin
 FLIGHT_HEIGHT_SD_M: Final = 0.7
 LIDAR_HEIGHT_SD_M: Final = 0.3  # of a lidar above the point that the autopilot's height is of
+Place = tuple[float, float]
 QUEUE_MAX: Final = 2 * STEMS_MAX
 BATCH: Final = 5  # so many stems that have been passed are fitted together, with all that are in sight
 WAITS_S: Final = 6.0  # or fewer, when the first has waited for so long
@@ -65,7 +69,9 @@ class Surveyor:
         self._corrections: Final = ScanCorrections()
         self._known: dict[StemRays, Floats] = {}  # states of stems in sight, as fitted with the last batch
         self._work: Iterator[list[StemObservation]] | None = None  # the batch that is being fitted
+        self._anchor_s: Final = ANCHOR_BY_RANGES_S if mission.flies_by_ranges else ANCHOR_S
         self._anchor_ne_m: tuple[float, float] | None = None  # mission's frame less the odometry's, slowly
+        self._anchors: dict[StemRays, tuple[Place, Place]] = {}  # the same when a stem was tracked first and last
         self._tracked_s = -math.inf
         self._ticked_s: float | None = None
 
@@ -107,10 +113,13 @@ class Surveyor:
         self._ticked_s = now_s
         anchor, told = self._anchor_ne_m, pose.to_mission_ne_m
         if anchor is None or not pose.airborne:
-            self._anchor_ne_m = told
-            return
-        share = -math.expm1(-max(0.0, since_s) / ANCHOR_S)
-        self._anchor_ne_m = (anchor[0] + share * (told[0] - anchor[0]), anchor[1] + share * (told[1] - anchor[1]))
+            anchor = told
+        share = -math.expm1(-max(0.0, since_s) / self._anchor_s)
+        anchor = (anchor[0] + share * (told[0] - anchor[0]), anchor[1] + share * (told[1] - anchor[1]))
+        self._anchor_ne_m = anchor
+        for stem in self.collector.stems:
+            if now_s - stem.last_s <= TRACKED_S:
+                self._anchors[stem] = (self._anchors.get(stem, (anchor, anchor))[0], anchor)
 
     def _track_point(self, pose: ScanPose, now_s: float) -> TrackPoint:
         anchor = self._anchor_ne_m or (0.0, 0.0)
@@ -128,6 +137,7 @@ class Surveyor:
 
     def _fit_batch(self) -> Iterator[list[StemObservation]]:
         """Fits those that wait, step by step; the last step has what was measured."""
+        done = frozenset(self._passed)
         passed = [stem for stem in self._passed if stem.count >= LEAST_RAYS]
         self._passed.clear()
         context = [stem for stem in self.collector.stems if stem.count >= CONTEXT_RAYS][:CONTEXT_MAX]
@@ -144,6 +154,7 @@ class Surveyor:
             for k, stem in enumerate(passed)
             if (fit := joint.fit_of(k)) is not None
         ]
+        self._anchors = {stem: held for stem, held in self._anchors.items() if stem not in done}
         yield [observation for observation in measured if observation is not None]
 
     def _observe_stem(self, stem: StemRays, fit: StemFit, cut: tuple[float, float, float]) -> StemObservation | None:
@@ -156,13 +167,13 @@ class Surveyor:
         grade, reason = grade_fit(fit, dbh_sd_m)
         if grade is Grade.GOOD and not measured:
             grade, reason = Grade.FAIR, f"by taper from {cut_up_m:.1f} m"
-        anchor = self._anchor_ne_m or (0.0, 0.0)
+        first, last = self._anchors.get(stem, (self._anchor_ne_m or (0.0, 0.0),) * 2)
         return StemObservation(
             vehicle_id=self._vehicle_id,
             first_s=stem.born_s,
             last_s=max(stem.born_s, stem.ray_s),
-            north_m=fit.north_m + anchor[0],
-            east_m=fit.east_m + anchor[1],
+            north_m=fit.north_m + 0.5 * (first[0] + last[0]),
+            east_m=fit.east_m + 0.5 * (first[1] + last[1]),
             position_sd_m=math.hypot(fit.position_sd_m, POSE_SD_M),
             frame_sd_m=stem.frame_sd_m,
             cut_up_m=cut_up_m,

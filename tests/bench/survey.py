@@ -35,8 +35,10 @@ BY_DISTANCE_M = (0.0, 2.0, 4.0, 6.0)
 BY_DIAMETER_M = (0.1, 0.15, 0.2, 0.3, 1.0)
 
 
-def mission_of(sensor: str, density_per_ha: float, seed: int, vehicles: int, speed_mps: float) -> Mission:
-    """The flight."""
+def mission_of(
+    sensor: str, density_per_ha: float, seed: int, vehicles: int, speed_mps: float, *, leader_only: bool = False
+) -> Mission:
+    """The flight. `leader_only`: of four vehicles, the only one with satellites."""
     tables: dict[str, Any] = {
         "schema": 1,
         "name": "survey",
@@ -63,6 +65,9 @@ def mission_of(sensor: str, density_per_ha: float, seed: int, vehicles: int, spe
         },
         "sim": {"seed": seed, "range_finder": True, "estimates": "recorded"},
     }
+    if leader_only:
+        tables["swarm"] |= {"gnss": "leader", "leader_priority": [1]}
+        tables["ranging"] = {"start_enu_m": [[-4.0, -4.0, 0.0], [4.0, -4.0, 0.0], [4.0, 4.0, 0.0], [-4.0, 4.0, 0.0]]}
     return validated(Mission, tables, "survey")
 
 
@@ -178,6 +183,7 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3, 4])
     parser.add_argument("--vehicles", type=int, default=1)
     parser.add_argument("--speed", type=float, default=1.5, help="m/s")
+    parser.add_argument("--leader-only", action="store_true", help="of 4 vehicles, the leader alone has satellites")
     options = parser.parse_args(argv)
     print(
         "lidar, trees/ha | found | false | DBH RMSE, cm | within 2 sd | GOOD | position RMSE, m, relative / absolute "
@@ -188,7 +194,9 @@ def main(argv: Sequence[str]) -> int:
         for per_ha in options.per_ha:
             tally = Tally()
             for seed in options.seeds:
-                tally.add(mission_of(sensor, per_ha, seed, options.vehicles, options.speed))
+                tally.add(
+                    mission_of(sensor, per_ha, seed, options.vehicles, options.speed, leader_only=options.leader_only)
+                )
             print(f"{sensor}, {per_ha:g} | {tally.row()}", flush=True)
             detail += [f"{sensor}, {per_ha:g}, {row}" for row in (*tally.by_distance(), *tally.by_diameter())]
     print("\n".join(["", "passed at, or DBH | found | DBH RMSE, cm", *detail]))

@@ -1,0 +1,88 @@
+"""One vehicle's survey: where it measures, in which frame it tells, and what it does when it lands."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from companion.core.model.events import LidarScan
+from companion.core.perception.landmarks.scan_pose import ScanPose
+from companion.survey.observation import STEM_KIND, StemObservation, decode
+from companion.survey.of_mission import survey_of
+from companion.survey.surveyor import Surveyor
+from mission.document.model import Mission
+from tests.unit.survey.test_rays import AXIS, RADIUS_M, pose_at, seen_m, trunk_at
+
+ROUTE = {"d1_enu_m": [0.0, 0.0, 4.0], "d2_enu_m": [60.0, 0.0, 4.0], "vel_leader_mps": 2.0}
+
+
+def flown(**tables: Any) -> Mission:
+    return Mission.model_validate({"schema": 1, "route": ROUTE, "sensing": {"sensor": "scan-1deg"}, **tables})
+
+
+def turn_from(number: int, east_m: float) -> LidarScan:
+    """A turn as seen from beside the origin."""
+    ranges = []
+    for k in range(360):
+        way = (math.cos(math.radians(k)), math.sin(math.radians(k)))
+        n, e = AXIS[0], AXIS[1] - east_m
+        along, aside = n * way[0] + e * way[1], e * way[0] - n * way[1]
+        ranges.append(along - math.sqrt(RADIUS_M**2 - aside**2) if along > 0.0 and abs(aside) < RADIUS_M else math.inf)
+    return LidarScan(
+        1, number, tuple(ranges), 0.0, 0.0, math.radians(1.0), 0.1, 12.0, 0.0, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    )
+
+
+def measured(*, up_m: float = 4.0, offset_ne_m: tuple[float, float] = (0.0, 0.0)) -> list[StemObservation | None]:
+    """Stems told after a flight past the one trunk, and a landing."""
+    surveyor = Surveyor(flown(survey={}), 7)
+    bodies: list[tuple[int, bytes]] = []
+    for number in range(60):
+        now_s, east_m = 0.1 * number, 0.1 * number - 2.0
+        pose = ScanPose(
+            (0.0, east_m, -up_m),
+            (0.0, 0.0, 0.0),
+            shift_ne_m=(0.0, 0.0),
+            turn_rad=0.0,
+            to_mission_ne_m=offset_ne_m,
+            frame_sd_m=1.0,
+            airborne=True,
+            frame=(0.0, 0.0, 0.0),
+            trunks=[trunk_at(*AXIS, now_s)],
+        )
+        surveyor.integrate(turn_from(number, east_m), pose, now_s)
+        bodies += surveyor.take_records(pose, now_s)
+    bodies += surveyor.take_records(pose_at(6.1, airborne=False, to_mission_ne_m=offset_ne_m), 6.1)
+    return [decode(body, 7) for kind, body in bodies if kind == STEM_KIND]
+
+
+def test_a_mission_without_survey_has_none() -> None:
+    assert survey_of(flown(), 1) is None
+    with pytest.raises(ValueError, match=r"no \[survey\]"):
+        Surveyor(flown(), 1)
+
+
+def test_a_stem_in_sight_is_told_on_landing() -> None:
+    (stem,) = measured()
+    assert stem is not None
+    assert stem.vehicle_id == 7
+    assert stem.diameter_m == pytest.approx(2.0 * RADIUS_M, abs=0.04)  # the kit has rays without a width
+    assert (stem.north_m, stem.east_m) == pytest.approx(AXIS, abs=0.03)
+    assert 0.0 < stem.first_s < 1.0
+    assert 5.0 < stem.last_s < 6.0
+
+
+def test_places_are_told_in_the_missions_frame() -> None:
+    (stem,) = measured(offset_ne_m=(30.0, -5.0))
+    assert stem is not None
+    assert (stem.north_m, stem.east_m) == pytest.approx((AXIS[0] + 30.0, AXIS[1] - 5.0), abs=0.03)
+
+
+def test_nothing_is_measured_below_the_fence() -> None:
+    assert measured(up_m=1.9) == []
+
+
+def test_the_kit_sees_one_trunk() -> None:
+    assert 3 < sum(seen_m(k) < math.inf for k in range(360)) < 7
