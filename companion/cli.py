@@ -14,6 +14,7 @@ from companion.sensor_options import add_sensor_options
 from companion.shell.urls import AUTOPILOT_SCHEMES, HEARING_SCHEMES, PEERS_SCHEMES, Scheme, Url, UrlError, parse_url
 from companion.watch.address import PORT, address_of
 from mission import __version__
+from mission.common.command_line import Parser, add_examples
 from mission.common.compiled import STATE
 from mission.common.completion import add_print_completion
 from mission.common.problems import printable
@@ -22,7 +23,7 @@ from mission.common.problems import printable
 def build_parser() -> argparse.ArgumentParser:
     """The command line; also read by the generator of the reference."""
     raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(
+    parser: argparse.ArgumentParser = Parser(
         prog="companion",
         description=help_texts.ABOUT,
         epilog=help_texts.EXAMPLE,
@@ -84,6 +85,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_doctor(commands)
     _add_watch(commands)
     _add_lidar(commands)
+    add_examples(parser, help_texts.EXAMPLES)
     return parser
 
 
