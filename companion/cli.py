@@ -15,6 +15,7 @@ from companion.shell.urls import AUTOPILOT_SCHEMES, HEARING_SCHEMES, PEERS_SCHEM
 from companion.stand.form_height import FORM_HEIGHT_M
 from companion.watch.address import PORT, address_of
 from mission import __version__
+from mission.common.command_line import Parser, add_examples
 from mission.common.compiled import STATE
 from mission.common.completion import add_print_completion
 from mission.common.exit_codes import EXIT_ENVIRONMENT
@@ -24,7 +25,7 @@ from mission.common.problems import printable
 def build_parser() -> argparse.ArgumentParser:
     """The command line; also read by the generator of the reference."""
     raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(
+    parser: argparse.ArgumentParser = Parser(
         prog="companion",
         description=help_texts.ABOUT,
         epilog=help_texts.EXAMPLE,
@@ -94,6 +95,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_lidar(commands)
     _add_base(commands)
     _add_stand(commands)
+    add_examples(parser, help_texts.EXAMPLES)
     return parser
 
 

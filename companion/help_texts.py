@@ -75,9 +75,6 @@ vehicle was last heard, which one leads, what nobody knows. It sends nothing to 
 """
 
 WATCH_MORE = """\
-example, on a computer in the mesh network, with a tablet in the same:
-  companion watch --peers udpbcast://192.168.4.255:14660 --listen 192.168.4.10 --map forest.mbtiles
-
 The address that it prints holds a token; without it nobody is let in. Ends with Ctrl-C.
 exit codes: 0 ended by SIGINT or SIGTERM, 2 wrong usage or a bad file, 3 a port that cannot be opened
 """
@@ -89,9 +86,6 @@ and a report of one page.
 """
 
 STAND_MORE = """\
-example:
-  companion stand base.sqlite --mission forest.toml --out stand
-
 The same records give the same files, whichever order they came in. docs/how-to/read-the-stand-report.md says how to
 read them.
 
@@ -106,12 +100,7 @@ do: MAVLink's OBSTACLE_DISTANCE, the nearest of each of 72 sectors of 5 degrees,
 """
 
 LIDAR_MORE = """\
-example, an LD19 that hangs below vehicle 3 with its cable to the front, two legs in its way:
-  companion lidar --model ld19 --lidar serial:///dev/ttyUSB0:230400 --upside-down --yaw-deg 180 \\
-      --mask 130..140,220..230 --check
-  companion lidar --model ld19 --lidar serial:///dev/ttyUSB0:230400 --upside-down --yaw-deg 180 \\
-      --mask 130..140,220..230 --id 3 --to udpout://127.0.0.1:14570
-and the companion with --sensor obstacles=udpin://127.0.0.1:14570. (--mask=-10..10 across the nose.)
+The companion hears it with --sensor obstacles=udpin://127.0.0.1:14570. (--mask=-10..10 is across the nose.)
 
 A lidar that is unplugged is waited for. docs/how-to/connect-a-lidar.md has wiring, mounting and the check.
 
@@ -126,12 +115,45 @@ left out.
 """
 
 BASE_MORE = """\
-example, on a computer in the mesh network:
-  companion base forest.toml --listen udpbcast://192.168.4.255:14660 --records forest.db
-
 It shows how many records there are, as far as the vehicles have told it, and how many it has:
   412 of 430 records delivered, vehicles 1, 2, 5 in range
 Ends with Ctrl-C. docs/how-to/collect-records.md has more.
 
 exit codes: 0 ended by SIGINT or SIGTERM, 2 wrong usage or a bad file, 3 a port or a file that cannot be opened
 """
+EXAMPLES = {
+    "base": (
+        "companion base forest.toml --listen udpbcast://192.168.4.255:14660 --records forest.db",
+        "companion base forest.toml --listen udpin://0.0.0.0:14660 --records forest.db",
+    ),
+    "stand": (
+        "companion stand forest.db --mission forest.toml --out stand",
+        "companion stand forest.db --mission forest.toml --out stand --form-height-m 11.5",
+    ),
+    "run": (
+        "companion run --mission forest.toml --id 3 --autopilot serial:///dev/ttyAMA0:921600 \\\n"
+        "      --peers udpbcast://192.168.4.255:14660 --preflight vehicle3.json",
+        "companion run --mission forest.toml --id 1 --autopilot udpin://127.0.0.1:14540 \\\n"
+        "      --peers udpbcast://127.255.255.255:14660 --clock vehicle --waive all",
+    ),
+    "preflight": (
+        "companion preflight --mission forest.toml --id 3 --autopilot serial:///dev/ttyAMA0:921600",
+        "companion preflight --mission forest.toml --id 3 --autopilot serial:///dev/ttyAMA0:921600 \\\n"
+        "      --apply --report vehicle3.json",
+    ),
+    "doctor": (
+        "companion doctor",
+        "companion doctor --autopilot serial:///dev/ttyAMA0:921600 --peers udpbcast://192.168.4.255:14660",
+    ),
+    "watch": (
+        "companion watch --peers udpbcast://192.168.4.255:14660",
+        "companion watch --peers udpbcast://192.168.4.255:14660 --listen 192.168.4.10 --map forest.mbtiles",
+    ),
+    # an LD19 that hangs below vehicle 3 with its cable to the front, two legs in its way
+    "lidar": (
+        "companion lidar --model ld19 --lidar serial:///dev/ttyUSB0:230400 --upside-down --yaw-deg 180 \\\n"
+        "      --mask 130..140,220..230 --check",
+        "companion lidar --model ld19 --lidar serial:///dev/ttyUSB0:230400 --upside-down --yaw-deg 180 \\\n"
+        "      --mask=-10..10 --id 3 --to udpout://127.0.0.1:14570",
+    ),
+}

@@ -13,6 +13,7 @@ from collections.abc import Collection, Iterator, Sequence
 from typing import TextIO
 
 from mission import __version__
+from mission.common.command_line import Parser, add_examples
 from mission.common.compiled import STATE
 from mission.common.completion import add_print_completion
 
@@ -37,6 +38,25 @@ PROGRAMS = {
     "export": "write a flight in the formats of other tools: MCAP, ROS 2 bag, KML, GPX, GeoJSON",
     "conformance": "compare the simulated autopilots with recorded flights of PX4 and ArduCopter",
 }
+# Command -> command lines, in its help.
+EXAMPLES = {
+    "fly": (
+        "sim-bridge fly mission/examples/lone_tree.toml --open",
+        "sim-bridge fly mission/examples/lone_tree.toml -n 4 --seed 7 --kill leader@40",
+    ),
+    "serve": (
+        "sim-bridge serve mission/examples/lone_tree.toml -n 1",
+        "sim-bridge serve mission/examples/paper.toml -n 3 --ground 127.0.0.1:14550",
+    ),
+    "study": (
+        "sim-bridge study mission/studies/forest_size.toml --seeds 3 --out quick",
+        "sim-bridge study my_study.toml --workers 4 --replay 3 --open",
+    ),
+    "search": ("sim-bridge search --flights 100 --out found", "sim-bridge search --hours 8 --seed 1000 --shrink 3"),
+    "report": ("sim-bridge report runs/my-flight --open", "sim-bridge report my_study --json"),
+    "export": ("sim-bridge export runs/my-flight --kml --gpx", "sim-bridge export runs/my-flight --mcap --out shared"),
+    "conformance": ("sim-bridge conformance", "sim-bridge conformance my_flight.tlog --json"),
+}
 # Command -> the module whose `run(args) -> exit code` it is.
 MODULES = {
     "fly": "sim_bridge.drive.fly_program",
@@ -51,9 +71,7 @@ MODULES = {
 
 def build_parser(commands: Collection[str] = tuple(PROGRAMS)) -> argparse.ArgumentParser:
     """The command line, with the options of `commands`; the others are only named."""
-    parser = argparse.ArgumentParser(
-        prog="sim-bridge", description=__doc__, epilog=EXAMPLE, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser: argparse.ArgumentParser = Parser(prog="sim-bridge", description=__doc__, epilog=EXAMPLE)
     parser.add_argument("--version", action="version", version=f"understory {__version__}, {STATE}")
     add_print_completion(parser, build_parser)
     subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
@@ -61,6 +79,7 @@ def build_parser(commands: Collection[str] = tuple(PROGRAMS)) -> argparse.Argume
         command = subparsers.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
         if name in commands:
             importlib.import_module(f"sim_bridge.options.{name}").configure(command)
+    add_examples(parser, {name: lines for name, lines in EXAMPLES.items() if name in commands})
     return parser
 
 

@@ -18,11 +18,6 @@ _MAKE = """\
 Writes the stand that [forest.stand] describes as a stem map: that of a mission, or one of keys given here. The
 same keys and seed give the same file everywhere.
 """
-_MAKE_EXAMPLE = """\
-examples:
-  mission forest make --mission natural_stand.toml --seed 7 --out stems.csv
-  mission forest make --area-m 200 100 --out stems.csv density_per_ha=600 dbh_mean_m=0.3 'species=["pine"]'
-"""
 _IMPORT = """\
 Reads another program's stem map and writes one as missions use, in metres from an origin. Says what each
 column was taken for, which were not read, what was filled in (heights, crowns) and what was dropped.
@@ -33,11 +28,6 @@ with --utm) and the diameter (dbh_cm, dbh_mm or dbh_m). Known besides: height_m,
 id. These names are also known in German, French, Finnish, Swedish, Spanish, Portuguese and Polish.
 GeoJSON: a FeatureCollection of points in WGS84 (RFC 7946), the same names as properties.
 GeoPackage: its only layer of points, in WGS84, a UTM zone, or metres of your own; the same names as columns.
-"""
-_IMPORT_EXAMPLE = """\
-examples:
-  mission forest import plot.csv --utm 32N --out stems.csv
-  mission forest import plot.txt --column "dbh_mm=D 2024" --column id=Tag --decimal comma --out stems.geojson
 """
 _CHECK = """\
 Says of each file what stands there: density, basal area, diameters, gaps between neighbouring trunks and how many of
@@ -65,7 +55,6 @@ def add_parser(commands: Any) -> None:
         "make",
         help="generate a mission's stand, or one of keys, and write it as a stem map",
         description=_MAKE,
-        epilog=_MAKE_EXAMPLE,
         formatter_class=raw,
         allow_abbrev=False,
     )
@@ -86,7 +75,6 @@ def add_parser(commands: Any) -> None:
         "import",
         help="convert another program's stem map",
         description=_IMPORT,
-        epilog=_IMPORT_EXAMPLE,
         formatter_class=raw,
         allow_abbrev=False,
     )

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 from mission import __version__
 from mission.cli import forest, plan
+from mission.common.command_line import Parser, add_examples
 from mission.common.compiled import STATE
 from mission.common.completion import add_print_completion
 from mission.common.exit_codes import EXIT_BAD_FILE as EXIT_BAD_FILE
@@ -49,12 +50,31 @@ and as the first line of the mission file:
 """
 
 
+_EXAMPLES = {
+    "check": ("mission check my.toml", "mission check --json mission/examples/*.toml"),
+    "schema": ("mission schema > mission.schema.json", "mission schema | less"),
+    "forest make": (
+        "mission forest make --mission natural_stand.toml --seed 7 --out stems.csv",
+        "mission forest make --area-m 200 100 --out stems.csv density_per_ha=600 dbh_mean_m=0.3 'species=[\"pine\"]'",
+    ),
+    "forest import": (
+        "mission forest import plot.csv --utm 32N --out stems.csv",
+        'mission forest import plot.txt --column "dbh_mm=D 2024" --column id=Tag --decimal comma --out stems.csv',
+    ),
+    "forest check": ("mission forest check my.toml", "mission forest check stems.csv --mission my.toml"),
+    "forest draw": (
+        "mission forest draw my.toml --out plan.svg",
+        "mission forest draw stems.csv --ids --mission my.toml --out plan.svg",
+    ),
+    "import": ("mission import my.plan --out new.toml", "mission import my.plan --mission my.toml --out changed.toml"),
+    "export": ("mission export my.toml --out my.plan", "mission export mission/examples/paper.toml --out paper.plan"),
+}
+
+
 def build_parser() -> argparse.ArgumentParser:
     """The command line; also read by the generator of the reference."""
     raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(
-        prog="mission", description=_ABOUT, epilog=_EXAMPLE, formatter_class=raw, allow_abbrev=False
-    )
+    parser = Parser(prog="mission", description=_ABOUT, epilog=_EXAMPLE, formatter_class=raw, allow_abbrev=False)
     parser.add_argument("--version", action="version", version=f"understory {__version__}, {STATE}")
     add_print_completion(parser, build_parser)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
@@ -79,6 +99,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     forest.add_parser(commands)
     plan.add_parsers(commands)
+    add_examples(parser, _EXAMPLES)
     return parser
 
 

@@ -20,11 +20,6 @@ _EXPORT = """\
 Writes the route and the fence of a mission as a .plan that QGroundControl opens: to look at on its map, to change
 there, and to bring back with mission import --mission. It is the leader's way: it is not for upload to the vehicles.
 """
-_EXAMPLE = """\
-example:
-  mission export my.toml --out my.plan
-  mission import my.plan --mission my.toml --out changed.toml
-"""
 
 
 def add_parsers(commands: Any) -> None:
@@ -34,7 +29,6 @@ def add_parsers(commands: Any) -> None:
         "import",
         help="make a mission of a .plan of QGroundControl",
         description=_IMPORT,
-        epilog=_EXAMPLE,
         formatter_class=raw,
         allow_abbrev=False,
     )
@@ -47,7 +41,6 @@ def add_parsers(commands: Any) -> None:
         "export",
         help="write a mission's route and fence as a .plan for QGroundControl",
         description=_EXPORT,
-        epilog=_EXAMPLE,
         formatter_class=raw,
         allow_abbrev=False,
     )

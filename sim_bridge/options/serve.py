@@ -20,10 +20,7 @@ _ABOUT = """\
 Flies the vehicles of a mission on the wall clock and offers them over UDP on 127.0.0.1 as PX4 does: to ground
 stations (QGroundControl, MAVProxy, MAVSDK) and to companions. Prints where to connect; ends with Ctrl-C.
 """
-_EXAMPLE = """\
-example:
-  sim-bridge serve mission/examples/paper.toml -n 3 --ground 127.0.0.1:14550
-
+_MORE = """\
 exit codes: 0 ended by SIGINT or SIGTERM, 2 wrong usage or a bad mission, 3 a taken port or a missing package
 """
 
@@ -31,7 +28,7 @@ exit codes: 0 ended by SIGINT or SIGTERM, 2 wrong usage or a bad mission, 3 a ta
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `serve`."""
     parser.description = _ABOUT
-    parser.epilog = _EXAMPLE
+    parser.epilog = _MORE
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("mission", metavar="MISSION", help="a mission file (TOML)")
     parser.add_argument("-n", type=int, metavar="N", help=f"number of vehicles, 1..{MAX_VEHICLES} (the mission's)")

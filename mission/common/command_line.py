@@ -1,0 +1,70 @@
+"""Command lines of the programs: what is unknown is told with the nearest that is known, and help has examples."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
+from typing import Any, NoReturn
+
+_CHOICE = re.compile(r"invalid choice: '?([^' ]*)'? \(choose from (.*)\)", re.DOTALL)
+_NAME = re.compile(r"[\w-]+")
+CLOSE = 0.6  # as like as two names must be
+
+
+class Formatter(argparse.HelpFormatter):
+    """Keeps a text of several lines as it is, and wraps one of a single line."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        if "\n" not in text.strip():
+            return super()._fill_text(text, width, indent)
+        return "".join(indent + line for line in text.splitlines(keepends=True))
+
+
+class Parser(argparse.ArgumentParser):
+    """A program's, and those of its commands: a command refuses what it does not know itself, with its own usage."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **{"formatter_class": Formatter, **options})
+        self._words: list[str] = []  # that it is given
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
+        """As argparse has it, but that nothing is left over."""
+        self._words = list(sys.argv[1:] if args is None else args)
+        found, left = super().parse_known_args(args, namespace)
+        if left:
+            self.error(f"unrecognized arguments: {' '.join(left)}{self._hint(left)}")
+        return found, left
+
+    def error(self, message: str) -> NoReturn:
+        """Exit code 2, with the usage; what is none of ours, a choice or an option, with the nearest that is."""
+        wrong = _CHOICE.search(message)
+        if wrong:
+            message += _nearest(wrong[1], _NAME.findall(wrong[2]))
+        elif message.startswith("the following arguments are required"):  # one of which may be there, misspelt
+            message += self._hint(self._words)
+        super().error(message)
+
+    def _hint(self, words: Sequence[str]) -> str:
+        """Option that the first unknown of `words` that is like one is meant for."""
+        known = self._option_string_actions
+        flags = (word.partition("=")[0] for word in words if word.startswith("--"))
+        return next(filter(None, (_nearest(flag, list(known)) for flag in flags if flag not in known)), "")
+
+
+def _nearest(word: str, known: Sequence[str]) -> str:
+    near = get_close_matches(word, known, n=1, cutoff=CLOSE)
+    return f"; did you mean {near[0]}?" if near else ""
+
+
+def add_examples(parser: argparse.ArgumentParser, examples: Mapping[str, Sequence[str]]) -> None:
+    """Writes command lines below the help of each command, as `forest draw`, before what stands there."""
+    for command, lines in examples.items():
+        at = parser
+        for word in command.split():
+            (inner,) = (action for action in at._actions if isinstance(action, argparse._SubParsersAction))
+            at = inner.choices[word]
+        shown = "\n".join(f"  {line}" for line in lines)
+        at.epilog = f"examples:\n{shown}\n" + (f"\n{at.epilog}" if at.epilog else "")
