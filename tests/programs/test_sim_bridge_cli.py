@@ -34,6 +34,7 @@ def test_version_and_help_import_no_command(option: str, answer: str) -> None:
     ours = [
         "mission",
         "mission.common",
+        "mission.common.command_line",
         "mission.common.compiled",
         "mission.common.completion",
         "mission.common.exit_codes",
