@@ -56,6 +56,8 @@ def test_vehicles_start_in_a_ring_about_the_tree_at_d1_that_leaves_it_room(tmp_p
     assert resolve_stand(mission, file).trees
     for rest in ("", "[sim]\nplacement = 'ring'\n[swarm]\nsize = 1\n"):
         assert "stands -0.1 m from d1: must be at least" in refusal(mission_file(tmp_path, route, rest))
+    thick, pair = STEMS.replace("60.25,30,A-1", "60.25,500,A-1"), "[sim]\nplacement = 'ring'\n[swarm]\nsize = 2\n"
+    assert "must be at least" in refusal(mission_file(tmp_path, route, pair, thick))
     beside = STEMS + "3,61,30,other\n"
     assert "the tree at 3.00 east, 61.00 north: stands" in refusal(
         mission_file(tmp_path, route, "[sim]\nplacement = 'ring'\n", beside)
