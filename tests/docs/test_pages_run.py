@@ -28,6 +28,7 @@ TYPED = "a prompt to type at, of a program that is not in .venv: tests/interop/t
 NOT_RUN = {
     "sudo apt install git make python3-venv": "root, and a network",
     "make fly MISSION=mission/examples/managed_stand.toml": f"{MAKES}; among trees it takes a minute",
+    "make fly MISSION=mission/examples/surveyed_stand.toml": f"{MAKES}; with a lidar of 15 layers it takes minutes",
     "make test": "these tests",
     "sim-bridge fly mission/examples/lone_tree.toml -n 12 --seed 7": "half a minute and more; n = 8 is flown",
     "pip install mavproxy==1.8.75": "the network, and 800 MB",
