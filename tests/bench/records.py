@@ -88,7 +88,7 @@ class Delivery:
 
     @classmethod
     def of(cls, seed: int, *, loss: float, faults: list[dict[str, Any]] | None = None) -> Delivery:
-        """Fly 40 m and back, a record a second of each vehicle in the air."""
+        """Fly 40 m and back, a record a second of each vehicle in the air, and one of its way every two."""
         mission = surveying(seed, loss=loss, faults=faults or [])
         maker = Maker()
         with tempfile.TemporaryDirectory() as folder:
@@ -123,6 +123,7 @@ def surveying(seed: int, *, loss: float, faults: list[dict[str, Any]], n: int = 
         route={"at_end": "return"},
         radio={"bit_rate_kbps": RATE_KBPS},
         sim={"seed": seed, "radio_loss": loss, "faults": faults},
+        sensing={"sensor": "scan-1deg", "range_m": 12.0},
     )
     return Mission.model_validate({**mission.model_dump(by_alias=True), "survey": {}})
 

@@ -211,7 +211,8 @@ def test_a_lock_with_conditions_is_refused(bundle: ModuleType, tmp_path: Path) -
 def test_the_boards_lock_is_of_the_board_alone(bundle: ModuleType) -> None:
     names = set(re.findall(r"^([\w-]+)==", bundle.LOCK.read_text(), re.MULTILINE))
     assert {"pydantic", "pymavlink", "pyserial", "fastcrc", "pip"} <= names
-    assert not names & {"jsbsim", "numpy", "scipy", "matplotlib", "rich"}
+    assert "numpy" in names  # of a flight that surveys
+    assert not names & {"jsbsim", "scipy", "matplotlib", "rich"}
 
 
 def test_the_own_wheel_is_the_same_each_time_whatever_the_umask(bundle: ModuleType, tmp_path: Path) -> None:

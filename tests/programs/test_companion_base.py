@@ -20,7 +20,7 @@ from companion.records.write_queue import DirectWriter
 from tests.programs.companion_kit import MISSION
 
 LIMIT_S = 60.0
-SURVEY = MISSION + "[survey]\n"
+SURVEY = MISSION + '[sensing]\nrange_m = 12.0\nsensor = "scan-1deg"\n[survey]\n'
 
 
 class Vehicle:

@@ -214,9 +214,9 @@ def test_records_of_a_mission_that_does_not_survey_are_refused(mission: Path) ->
 
 @pytest.mark.parametrize("given", [True, False])
 def test_a_mission_that_surveys_has_its_records_in_a_file(mission: Path, tmp_path: Path, given: bool) -> None:
-    mission.write_text(MISSION + "[survey]\n")
+    mission.write_text(MISSION + '[sensing]\nrange_m = 12.0\nsensor = "scan-1deg"\n[survey]\n')
     options = ["--autopilot", "udpout://127.0.0.1:9", "--peers", "udpout://127.0.0.1:9"]
-    options += ["--log", str(tmp_path / "flight.log")]
+    options += ["--log", str(tmp_path / "flight.log"), "--sensor", "lidar=udpout://127.0.0.1:9"]
     options += ["--records", str(tmp_path / "given.db")] if given else []
     command = [sys.executable, "-m", "companion.cli", "run", "--mission", str(mission), "--id", "1", *options]
     with subprocess.Popen(command) as process:

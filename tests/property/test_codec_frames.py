@@ -28,6 +28,8 @@ OWN = {
     dialect.MAVLINK_MSG_ID_SWARM_RANGES,
     dialect.MAVLINK_MSG_ID_SWARM_RELATIVE,
     dialect.MAVLINK_MSG_ID_SWARM_LIDAR_SCAN,
+    dialect.MAVLINK_MSG_ID_SWARM_RECORD_VECTOR,
+    dialect.MAVLINK_MSG_ID_SWARM_RECORD,
     dialect.MAVLINK_MSG_ID_PROTOCOL_VERSION,
 }
 STANDARD = sorted(set(dialect.mavlink_map) - OWN)

@@ -24,7 +24,8 @@ def surveying(n: int = 4, *, has_survey: bool = True, **tables: dict[str, Any]) 
     """There and back, and the base station at d1."""
     sim = {"seed": SEED, **tables.pop("sim", {})}
     route = {"at_end": "return", **tables.pop("route", {})}
-    mission = short_mission(swarm={"size": n}, route=route, sim=sim, **tables)
+    senses = {"sensor": "scan-1deg", "range_m": 12.0}  # it finds nothing to measure: its records are of the way
+    mission = short_mission(swarm={"size": n}, route=route, sim=sim, sensing=senses, **tables)
     survey: dict[str, Any] = {"survey": {}} if has_survey else {}
     return Mission.model_validate({**mission.model_dump(by_alias=True), **survey})
 
@@ -32,7 +33,7 @@ def surveying(n: int = 4, *, has_survey: bool = True, **tables: dict[str, Any]) 
 def bodies_at_base(folder: Path) -> list[bytes]:
     """What is in the base station's file when all is over."""
     store = RecordStore(folder / "records.db", BASE_ID, lambda: 1)
-    found = [body for _, _, _, body in store.records(RecordKind.STEM)]
+    found = [body for kind in RecordKind for _, _, _, body in store.records(kind)]
     store.close()
     return found
 
@@ -126,7 +127,7 @@ def test_a_companion_that_starts_again_in_flight_goes_on_with_its_disk(tmp_path:
     refill = Refill(tmp_path)
     mission = surveying(3, sim={"faults": [fault]})
     outcome, shown = flown(mission, tmp_path, watch=refill, in_process=in_process)
-    assert outcome.summary["records_delivered"] == outcome.summary["records_made"] == refill.filled == 12, shown
+    assert outcome.summary["records_delivered"] == outcome.summary["records_made"] > refill.filled == 12, shown
     assert {body for body in bodies_at_base(tmp_path) if body.startswith(b"kept")} == {
         b"kept %d" % k for k in range(12)
     }

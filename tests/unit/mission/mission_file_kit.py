@@ -59,11 +59,26 @@ field_of_view_deg = 360.0
 vehicle_radius_m = 0.35
 margin_m = 0.3
 stale_s = 0.3
-sensor = "sectors"
+sensor = "scan-1deg"
 upside_down = false
 sends_odometry = false
+[survey]
+reach_m = 7.0
+dbh_min_m = 0.08
+taper_cm_per_m = 1.0
+taper_sd_cm_per_m = 0.4
 [forest]
 grade = [0.01, -0.02]
+[forest.shapes]
+lean_deg = 1.5
+ellipse = 0.06
+taper_exponent = 0.7
+taper_exponent_sd = 0.15
+bark_m = 0.004
+forks = 0.03
+stubs_per_tree = 1.0
+saplings_per_ha = 100.0
+litter_per_ha = 200.0
 [forest.stand]
 seed = 5
 density_per_ha = 400.0

@@ -103,7 +103,8 @@ def test_a_file_that_cannot_be_opened_is_said_and_the_companion_flies_on(tmp_pat
 
 
 def surveying(name: str = "a wood") -> Mission:
-    return Mission.model_validate({**mission().model_dump(by_alias=True), "survey": {}, "name": name})
+    flown = mission(sensing={"sensor": "scan-1deg"})
+    return Mission.model_validate({**flown.model_dump(by_alias=True), "survey": {}, "name": name})
 
 
 def test_the_file_lies_beside_the_log_or_where_the_service_keeps_its_state(

@@ -73,7 +73,9 @@ class TestRecords:
     def test_of_a_mission_that_surveys_the_base_station_speaks_too(
         self, mission: Mission, ports: Ports, join: Callable[[str], Peer]
     ) -> None:
-        surveys = Mission.model_validate({**mission.model_dump(by_alias=True), "survey": {}})
+        surveys = Mission.model_validate(
+            {**mission.model_dump(by_alias=True), "sensing": {"sensor": "scan-1deg"}, "survey": {}}
+        )
         made = Server(World(surveys, lambda _f, place, _s: PointMass(place, 0.0), links=PROFILES), ports, say=ignore)
         one, base = join("radio"), join("radio")
         one.send(heartbeat(1))
