@@ -13,12 +13,13 @@ from companion.core.localisation.makes import build_localiser
 from companion.core.model.actions import Action, Say, SendBeacon, SendOdometry, VelocitySetpoint, brief
 from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import Event, HeardBeacon, OperatorOrder, Position, Ranges, Satellites, Scan
-from companion.core.model.states import FlightState, Order, Role, Severity, SwarmPhase
+from companion.core.model.states import NOT_YET_FLYING, FlightState, Order, Role, Severity, SwarmPhase
 from companion.core.model.vectors import ZERO, add
 from companion.core.perception.obstacle_cloud import find_hovering
 from companion.core.perception.obstacle_perception import build_perception
 from companion.core.safety.descent import LandingRoom
 from companion.core.safety.disturbance import build_disturbance_observer
+from companion.core.safety.rest import RestHold
 from companion.core.safety.setpoint import AT_REST, Setpoint
 from companion.core.safety.surroundings import Surroundings
 from companion.core.stages import FLIGHT_STAGES, StageFactory
@@ -34,7 +35,6 @@ from mission.document.model import Mission
 
 TICK_HZ: Final = 20
 TICK_S = 1.0 / TICK_HZ
-NOT_YET = (FlightState.WAITING, FlightState.READY)  # to fly
 
 
 class Agent:
@@ -53,7 +53,7 @@ class Agent:
         self.sensors = ObstacleSensorMonitor(self.perception.stale_s)
         self.disturbances = build_disturbance_observer(mission)
         self.safety_filter = stages.build_safety_filter(mission)
-        self._landing_room = LandingRoom(mission)
+        self._landing_room, self._rest = LandingRoom(mission), RestHold()
         self.setpoint = AT_REST  # the last that went out
         self.flight = Flight(mission.route.d1_enu_m[2], self.sensors)
         self._ticks_per_beacon = round(TICK_HZ / mission.radio.beacon_rate_hz)
@@ -135,7 +135,7 @@ class Agent:
         vehicle, reported = flight.vehicle, flight.vehicle.position
         if reported is not None:
             pos_ned_m, swarm = reported.pos_ned_m, self.swarm
-            localiser.update_landed_state(vehicle.landed, waits=flight.state in NOT_YET)
+            localiser.update_landed_state(vehicle.landed, waits=flight.state in NOT_YET_FLYING)
             range_m = swarm.radio_range_m(airborne=vehicle.airborne, misses=localiser.misses)
             localiser.update_peers(pos_ned_m, now_s, range_m=range_m, launched=swarm.launched)
             if flight.state is FlightState.SEEKING:  # only then do they bar the way to the others
@@ -179,9 +179,8 @@ class Agent:
             if swarm.run_period(picture, resigns=failsafe_engine.resigns(picture.lacks)):
                 swarm.decide_phase(picture, self._to_goal_m(picture))
         elif swarm.election.changed and not self._sent_early:
-            # At most one more beacon a period: so news of a leader does not wait at every hop.
             swarm.find_route(picture)
-            early = True
+            early = True  # one more beacon a period at most: so news of a leader does not wait at every hop
         self._sent_early = early or (self._sent_early and not due)
         lease, phase = swarm.election.lease, swarm.phases.phase
         leader = lease.leader if lease is not None and lease.established else 0
@@ -300,8 +299,6 @@ class Agent:
         self.swarm.forget_leader()
         self._command_zero_velocity()
 
-    # --- each tick ---
-
     def _command_zero_velocity(self) -> None:
         """Not steered: what was desired and commanded before does not count."""
         self.movement.reset()
@@ -332,10 +329,13 @@ class Agent:
         )
 
     def _compute_setpoint(self, picture: Picture, orders: Orders) -> VelocitySetpoint:
-        if orders.rests:
-            self._command_zero_velocity()  # from an old position nothing can be kept clear of: brake
-        if orders.rests or orders.state is FlightState.TAKING_OFF:  # on the ground nothing may move it
+        if orders.state is FlightState.TAKING_OFF:  # on the ground nothing may move it
             return VelocitySetpoint(ZERO, self.movement.yaw_rad)
+        if orders.rests:
+            self._command_zero_velocity()  # from an old position, or blind, nothing can be kept clear of: brake
+            own = picture.own if failsafe_engine.knows_position(picture.lacks) else None
+            bias = self.perception.setpoint_bias(self.localiser.velocity_bias_ned_mps)
+            return VelocitySetpoint(self._rest.hold(own, bias, picture.now_s), self.movement.yaw_rad)
         around = self._observe_surroundings(picture)
         desired = self.guide(self._brief(picture, orders, around))
         self.setpoint = self.filter(around, desired)

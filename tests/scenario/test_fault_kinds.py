@@ -47,6 +47,11 @@ class Noted:
             row = (flight.world.now_s, vehicle.airframe.state, vehicle.believed.state, vehicle.autopilot.mode)
             self.states.append(row)
 
+    def true_ne_m(self, after_s: float) -> tuple[float, float]:
+        """The true place then."""
+        _, true, _, _ = next(row for row in self.states if row[0] >= self.began_s + after_s)
+        return true.pos_ned_m[0], true.pos_ned_m[1]
+
     def off_m(self, after_s: float) -> float:
         """How far belief and truth were apart then, level."""
         _, true, believed, _ = next(row for row in self.states if row[0] >= self.began_s + after_s)
@@ -166,3 +171,13 @@ def test_faults_of_vehicles_are_the_same_to_the_bit_on_jsbsim(tmp_path: Path) ->
     first, _ = flown(mission, tmp_path / "first", point_mass=False)
     again, _ = flown(mission, tmp_path / "again", point_mass=False)
     assert first.summary["trace_hash"] == again.summary["trace_hash"]
+
+
+def test_a_blind_vehicle_stays_where_it_came_to_rest(tmp_path: Path) -> None:
+    """By zero velocity alone, as its estimator has it, it drifted into trunks (search, seed 35000)."""
+    noted = Noted()
+    mission = with_fault("blind", 2, for_s=25.0, tables={"sensing": {}})
+    mission = mission.model_copy(update={"sim": mission.sim.model_copy(update={"estimates": Estimates.RECORDED})})
+    flown(mission, tmp_path, watch=noted)
+    at = {after_s: noted.true_ne_m(after_s) for after_s in (6.0, 12.0, 18.0, 24.0)}
+    assert max(math.dist(at[6.0], place) for place in at.values()) < 1.6  # 3.7 m without

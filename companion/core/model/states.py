@@ -43,6 +43,7 @@ class FlightState(IntEnum):
     SEEKING = 11  # in a part without the majority, looking for the others
 
 
+NOT_YET_FLYING = (FlightState.WAITING, FlightState.READY)
 # Steered by its companion, which keeps its distance; the others do not give way.
 STEERED = frozenset(
     {

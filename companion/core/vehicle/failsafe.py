@@ -53,7 +53,7 @@ class Response(Enum):
     RELEASE = "sends no setpoints and asks for nothing, until an operator hands it back"
     LAND = "asks its autopilot to land it where it is"
     STREAM = "streams setpoints and asks for nothing"
-    REST = "brakes to zero velocity: no separation moves"
+    REST = "brakes, and holds where it comes to rest if it knows its position: no separation moves it"
     HOLD = "zero velocity, but for keeping separation"
     SEEK = "searches for lost peers as the leader of its partition does, or follows that leader"
     RESIGN = "flies on, but neither takes nor keeps the lead"

@@ -34,8 +34,13 @@ def demands(found: Finding | None, response: Response) -> bool:
 
 
 def rests(findings: Sequence[Finding]) -> bool:
-    """A cause is there for which every setpoint is zero, whatever decides."""
+    """A cause is there for which the vehicle brakes and rests, whatever decides."""
     return any([TABLE[found.cause].response is Response.REST for found in findings])
+
+
+def knows_position(findings: Sequence[Finding]) -> bool:
+    """No cause is there for which the own position is old."""
+    return not any([found.cause in (Cause.NO_POSITION, Cause.TELEMETRY_LATE) for found in findings])
 
 
 def resigns(findings: Sequence[Finding]) -> bool:
