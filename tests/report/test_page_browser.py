@@ -244,7 +244,7 @@ def test_a_study_shows_its_answer_and_a_dot_for_each_flight(browser: Browser, tm
     browser.screen(390, 844, mobile=True)
     browser.open(file)
     assert browser.run("return document.querySelector('.verdict').textContent").startswith(
-        "near: 4 of 5 flights arrived"
+        "INCOMPLETE: near: 4 of 5 flights arrived"
     )
     assert browser.run("return document.querySelectorAll('.dot').length") == 10
     links = browser.run("return [...document.querySelectorAll('a')].map((a) => a.getAttribute('href'))")

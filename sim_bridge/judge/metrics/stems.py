@@ -24,6 +24,15 @@ NEAR_M: Final = 1.2  # from a measured stem to the tree that it is: wrong by its
 THIN_M: Final = 0.07  # and that tree's least diameter: a stem that is taken for one of 10 cm is not false
 BESIDE_S: Final = 15.0  # stems measured within so much of each other share the error of their frame
 
+TITLES: Final = {  # of those that studies compare
+    "stems_found_share": "stems found, of those passed",
+    "stems_false_share": "stems measured that are none",
+    "stems_dbh_rmse_m": "error of the DBH, rms",
+    "stems_dbh_within_share": "DBH within two of its stated sds",
+    "stems_position_rmse_m": "error of a stem's place, rms",
+    "stems_relative_rmse_m": "the same among stems seen together",
+}
+
 
 @dataclass(frozen=True, slots=True)
 class StemFigures:

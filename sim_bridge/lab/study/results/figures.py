@@ -106,7 +106,7 @@ _BETTER_OF_SURVEYS: Final = {  # a bias and counts have no better end
     "stems_relative_rmse_m": LESS,
 }
 _SURVEYED: Final = tuple(  # in missions with [survey]
-    Figure(name, "m" if name.endswith("_m") else "", stems.definitions()[name], better=better)
+    Figure(name, "m" if name.endswith("_m") else "", stems.definitions()[name], better=better, title=stems.TITLES[name])
     for name, better in _BETTER_OF_SURVEYS.items()
 )
 FLIGHT: Final = (
