@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sqlite3
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from statistics import median
@@ -15,7 +15,9 @@ from companion.survey.track import TRACK_KIND, TrackPoint, decode_track
 
 MAX_RECORDS: Final = 250_000  # 12 vehicles for an hour: 21,600 of the track, and 19 observations of each of 5,000 stems
 ASTRAY_M: Final = 3_000.0  # from the median of all positions: no swarm surveys so far apart
+RESTART_S: Final = 5.0  # made so much before an earlier number of its log: the writer's clock has started anew
 Key = tuple[int, int, int]  # vehicle_id, log_id, number
+Session = tuple[int, int, int]  # vehicle_id, log_id, how often the clock had started anew
 
 
 class RecordLike(Protocol):
@@ -51,6 +53,7 @@ class KeyedObservation(NamedTuple):
 
     key: Key
     observation: StemObservation
+    session: Session  # within it times compare
 
 
 class KeyedPoint(NamedTuple):
@@ -58,6 +61,7 @@ class KeyedPoint(NamedTuple):
 
     key: Key
     point: TrackPoint
+    session: Session
 
 
 class Harvest(NamedTuple):
@@ -96,24 +100,40 @@ def read_records(path: Path) -> list[StoredRecord]:
 def harvest_of(records: Iterable[RecordLike]) -> Harvest:
     """`records` decoded; any order and any duplicates give the same."""
     unique = {(record.vehicle_id, record.log_id, record.number): record for record in records}
+    sessions = _sessions(unique)
     observations, points, refused = [], [], 0
     for key in sorted(unique):
         record = unique[key]
         if record.kind == STEM_KIND:
             stem = decode(record.body, record.vehicle_id)
             if stem is not None:
-                observations.append(KeyedObservation(key, stem))
+                observations.append(KeyedObservation(key, stem, sessions[key]))
             refused += stem is None
         elif record.kind == TRACK_KIND:
             point = decode_track(record.body, record.vehicle_id)
             if point is not None:
-                points.append(KeyedPoint(key, point))
+                points.append(KeyedPoint(key, point, sessions[key]))
             refused += point is None
     near = _near_median([*(o.observation for o in observations), *(p.point for p in points)])
     kept = tuple(o for o in observations if near(o.observation))
     way = tuple(p for p in points if near(p.point))
     refused += len(observations) - len(kept) + len(points) - len(way)
     return Harvest(kept, way, refused, tuple(unique[key] for key in sorted(unique)))
+
+
+def _sessions(unique: Mapping[Key, RecordLike]) -> dict[Key, Session]:
+    """Of each record. A log outlives a flight and a reboot, its writer's clock does not: it starts at 0 again."""
+    found: dict[Key, Session] = {}
+    session, latest_s = (-1, -1, 0), -math.inf
+    for key in sorted(unique):
+        made_s = unique[key].made_s
+        if key[:2] != session[:2]:
+            session, latest_s = (*key[:2], 0), made_s
+        elif made_s < latest_s - RESTART_S:
+            session, latest_s = (*key[:2], session[2] + 1), made_s
+        latest_s = max(latest_s, made_s)
+        found[key] = session
+    return found
 
 
 def _near_median(places: Sequence[StemObservation | TrackPoint]) -> Callable[[StemObservation | TrackPoint], bool]:
