@@ -64,6 +64,20 @@ class KeyedPoint(NamedTuple):
     session: Session
 
 
+class LogCount(NamedTuple):
+    """Records of one log that are here, of those that its highest number says there are at least."""
+
+    vehicle_id: int
+    log_id: int
+    records: int
+    at_least: int
+
+    @property
+    def missing(self) -> int:
+        """Numbers below the highest that are not here."""
+        return self.at_least - self.records
+
+
 class Harvest(NamedTuple):
     """A survey's records: sorted, each once."""
 
@@ -71,6 +85,25 @@ class Harvest(NamedTuple):
     track: tuple[KeyedPoint, ...]
     refused: int  # records of these kinds whose body is malformed, or whose position is none of this survey
     records: tuple[RecordLike, ...]  # all, of whatever kind
+
+    def counted(self) -> tuple[LogCount, ...]:
+        """Of each log, by vehicle: numbers start at 1 and have no gap, so one that is not here is missing."""
+        found: dict[tuple[int, int], LogCount] = {}
+        for r in self.records:  # sorted
+            before = found.get((r.vehicle_id, r.log_id))
+            here = 1 if before is None else before.records + 1
+            found[r.vehicle_id, r.log_id] = LogCount(r.vehicle_id, r.log_id, here, max(here, r.number))
+        return tuple(found.values())
+
+    def missing_line(self) -> str | None:
+        """What is missing, for people; None: nothing that is known of."""
+        logs = self.counted()
+        missing = sum(log.missing for log in logs)
+        if not missing:
+            return None
+        vehicles = sorted({log.vehicle_id for log in logs if log.missing})
+        who = f"vehicle{'s' * (len(vehicles) > 1)} {', '.join(map(str, vehicles))}"
+        return f"{missing} of at least {sum(log.at_least for log in logs)} records are missing, of {who}"
 
 
 class RecordsError(Exception):

@@ -18,7 +18,7 @@ import pytest
 
 from companion.cli import main
 from companion.stand import records as records_module
-from companion.stand.products.write import write_products
+from companion.stand.products.write import describe_products, write_products
 from companion.stand.records import RecordsError, StoredRecord, read_records
 from companion.survey.observation import STEM_KIND, Grade, encode
 from mission.common.frames import LocalFrame, Wgs84
@@ -331,3 +331,40 @@ def test_a_form_height_beyond_reason_is_refused(value: str, capsys: pytest.Captu
     with pytest.raises(SystemExit):
         main(["stand", "a.db", "--mission", "m.toml", "--out", "out", "--form-height-m", value])
     assert "must be from 1 to 60 m" in capsys.readouterr().err
+
+
+def test_records_that_are_missing_are_told_in_report_figures_and_line(records, tmp_path: Path) -> None:
+    lost = [r for r in records if not (r.vehicle_id == 2 and r.number in (1, 4, 5))]
+    assert any(r.vehicle_id == 2 and r.number > 5 for r in lost)
+    written = write_products(lost, mission(), tmp_path)
+    line = f"3 of at least {len(records)} records are missing, of vehicle 2"
+    assert line in (tmp_path / "report.html").read_text()
+    assert describe_products(written).endswith(f"; {line}")
+    logs = json.loads((tmp_path / "stand.json").read_text())["logs"]
+    assert [(log["vehicle_id"], log["missing"]) for log in logs] == [(1, 0), (2, 3), (3, 0), (4, 0)]
+    assert sum(log["records"] for log in logs) == len(lost)
+
+
+def test_where_no_record_is_missing_nothing_is_said_of_it(records, folder: Path, tmp_path: Path) -> None:
+    assert "missing" not in (folder / "report.html").read_text()
+    assert "missing" not in describe_products(write_products(records, mission(), tmp_path))
+
+
+def test_the_report_says_how_it_was_made(folder: Path, records, tmp_path: Path) -> None:
+    page = (folder / "report.html").read_text()
+    assert "Mission north &lt;stand&gt;: no obstacle sensor; origin 47.500000, 8.500000." in page
+    assert f"{len(records)} records of 4 vehicles." in page
+    sensed = mission(sensing={"sensor": "multi-layer", "range_m": 12.0}, survey={})
+    write_products(records, sensed, tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    assert "sensor multi-layer; no [origin], so places are in metres" in page
+    told = json.loads((tmp_path / "stand.json").read_text())
+    assert (told["sensor"], told["origin"]) == ("multi-layer", None)
+
+
+def test_the_map_of_no_stems_has_no_circles_in_its_legend(records, tmp_path: Path) -> None:
+    write_products([r for r in records if r.kind != STEM_KIND], mission(), tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    assert "Green: ground" in page
+    assert "Circles" not in page
+    assert "times as thick" not in page
