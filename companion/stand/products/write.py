@@ -22,6 +22,7 @@ from mission.stems.geopackage_write import points_gpkg
 LAYER: Final = "stems"
 FORMAT: Final = "understory-stand"
 VERSION: Final = 1
+GEOJSON: Final = "stems.geojson"  # of missions with an origin alone
 
 
 class Products(NamedTuple):
@@ -43,7 +44,8 @@ def write_products(
 ) -> Products:
     """Files and report of `records` into `out_dir`, which is made. OSError names a file that cannot be written.
 
-    Figures are of the mission's fence, where it has a polygon. A file is replaced whole, or left as it was.
+    Figures are of the mission's fence, where it has a polygon. A file is replaced whole, or left as it was;
+    one of these names that is not written this time is removed.
     `origin_note`: what the report is to say of the mission's origin.
     """
     harvest = harvest_of(records)
@@ -58,6 +60,8 @@ def write_products(
         scratch.write_bytes(data)
         os.replace(scratch, file)
         files.append(file)
+    if GEOJSON not in {file.name for file in files}:
+        (out_dir / GEOJSON).unlink(missing_ok=True)  # of a time before: other stems, on another spot of Earth
     return Products(tuple(files), fusion, ground, harvest)
 
 
@@ -72,7 +76,7 @@ def _texts(
     lidar, system = to_3dfin_csv(stems, origin)
     yield "stems.gpkg", lambda: points_gpkg(LAYER, columns, places, rows_of(stems), origin)
     if origin is not None:
-        yield "stems.geojson", lambda: to_geojson(stems, origin).encode()
+        yield GEOJSON, lambda: to_geojson(stems, origin).encode()
     yield "stems.csv", lambda: to_csv(stems).encode()
     yield "stems_3dfin.csv", lambda: lidar.encode()
     yield (

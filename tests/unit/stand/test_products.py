@@ -368,3 +368,10 @@ def test_the_map_of_no_stems_has_no_circles_in_its_legend(records, tmp_path: Pat
     assert "Green: ground" in page
     assert "Circles" not in page
     assert "times as thick" not in page
+
+
+def test_a_file_of_a_time_before_that_is_not_written_now_is_removed(records, tmp_path: Path) -> None:
+    write_products(records, mission(origin=ORIGIN), tmp_path)
+    (tmp_path / "notes.txt").write_text("mine")
+    written = write_products(records, mission(), tmp_path)
+    assert {file.name for file in tmp_path.iterdir()} == {file.name for file in written.files} | {"notes.txt"}
