@@ -60,6 +60,11 @@ class StandFigures:
     blocks: int
     form_height_m: float
 
+    @property
+    def seen_share(self) -> float:
+        """Of the mission's area; 1 where there is none."""
+        return min(1.0, self.seen_ha / self.area_ha) if self.area_ha else 1.0
+
 
 @dataclass(frozen=True, slots=True)
 class SeenGround:

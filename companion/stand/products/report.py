@@ -95,7 +95,9 @@ def _answer(figures: StandFigures | None) -> str:
     """The finding in a sentence."""
     if figures is None:
         return "Too little ground was seen, or too few stems were found, for figures per hectare."
-    area = "the ground that was seen" if figures.area_ha is None else f"the mission's area of {figures.area_ha:.2f} ha"
+    area = "the ground that was seen"
+    if figures.area_ha is not None:
+        area = f"the mission's area of {figures.area_ha:.2f} ha ({100.0 * figures.seen_share:.0f} % seen)"
     return (
         f"Basal area {_said(figures.basal_area_m2_per_ha, 1)} m²/ha and {_said(figures.stems_per_ha, 0)} stems/ha "
         f"on {area}, of stems from {100.0 * DBH_MIN_M:g} cm."
@@ -217,7 +219,7 @@ def _unseen(figures: StandFigures | None, stems: Sequence[FusedStem]) -> Iterato
         return
     if figures.area_ha is not None:
         rest = max(0.0, figures.area_ha - figures.seen_ha)
-        share = 100.0 * min(1.0, figures.seen_ha / figures.area_ha)
+        share = 100.0 * figures.seen_share
         yield (
             f"{figures.seen_ha:.2f} ha of {figures.area_ha:.2f} ha were seen ({share:.0f} %); {rest:.2f} ha were not. "
             "The figures take these to be as the rest: the interval says how far that may be off."

@@ -118,4 +118,7 @@ def describe_products(written: Products) -> str:
         return f"{found}; too little ground was seen, or too few stems found, for figures per hectare{end}"
     basal = figures.basal_area_m2_per_ha
     spread = "" if basal.low is None or basal.high is None else f" ({basal.low:.1f} to {basal.high:.1f})"
-    return f"{found}; {figures.seen_ha:.2f} ha seen; basal area {basal.value:.1f} m2/ha{spread}{end}"
+    seen = f"{figures.seen_ha:.2f} ha seen"
+    if figures.area_ha is not None:
+        seen = f"{figures.seen_ha:.2f} of {figures.area_ha:.2f} ha seen ({100.0 * figures.seen_share:.0f} %)"
+    return f"{found}; {seen}; basal area {basal.value:.1f} m2/ha{spread}{end}"
