@@ -15,6 +15,7 @@ from companion.survey.track import TRACK_KIND, TrackPoint, decode_track
 
 MAX_RECORDS: Final = 250_000  # 12 vehicles for an hour: 21,600 of the track, and 19 observations of each of 5,000 stems
 ASTRAY_M: Final = 3_000.0  # from the median of all positions: no swarm surveys so far apart
+TABLES: Final = frozenset({"meta", "record", "log"})  # of a store
 RESTART_S: Final = 5.0  # made so much before an earlier number of its log: the writer's clock has started anew
 Key = tuple[int, int, int]  # vehicle_id, log_id, number
 Session = tuple[int, int, int]  # vehicle_id, log_id, how often the clock had started anew
@@ -114,18 +115,27 @@ def read_records(path: Path) -> list[StoredRecord]:
     """All records of the store in `path`. RecordsError: it cannot be read."""
     if not path.is_file():
         raise RecordsError(f"{path}: no such file")
+    foreign = ""
     try:
         with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as database:
             rows = database.execute(
                 "SELECT vehicle_id, log_id, number, kind, made_s, body FROM record LIMIT ?", (MAX_RECORDS + 1,)
             ).fetchall()
+            if not rows:  # a database of something else, in which a base station once looked
+                names = {
+                    str(name) for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
+                }
+                foreign = min((n for n in names - TABLES if not n.startswith("sqlite_")), default="")
     except sqlite3.Error as error:
         raise RecordsError(f"{path}: cannot be read as a store of records: {error}") from None
+    if foreign:
+        raise RecordsError(f"{path}: no store of records: it holds none, and the table {foreign}")
     if len(rows) > MAX_RECORDS:
         raise RecordsError(f"{path}: holds more than {MAX_RECORDS} records")
     found = [StoredRecord(*row) for row in rows]
     for record in found:
-        if not (all(isinstance(field, int) for field in record[:4]) and isinstance(record.body, bytes)):
+        is_whole = all(isinstance(field, int) for field in record[:4]) and isinstance(record.made_s, int | float)
+        if not (is_whole and isinstance(record.body, bytes)):
             raise RecordsError(f"{path}: record {record[:3]} is no record")
     return found
 
