@@ -97,7 +97,7 @@ class Harvest(NamedTuple):
         return tuple(found.values())
 
     def missing_line(self) -> str | None:
-        """What is missing, for people; None: nothing that is known of."""
+        """Line for people on records that are missing; None: none that is known of."""
         logs = self.counted()
         missing = sum(log.missing for log in logs)
         if not missing:

@@ -19,11 +19,11 @@ PLACED: Final = "no [origin]: placed at the simulator's default origin"
 def write_stand(mission: Mission, folder: Path) -> list[str]:
     """Writes them into the run folder of a mission with [survey]; lines for people."""
     records = folder / BASE_FILE
-    placed, note = mission, ""
+    placed, note, said = mission, "", ""
     if mission.origin is None:
-        placed, note = mission.with_origin(DEFAULT_ORIGIN), f" ({PLACED})"
+        placed, note, said = mission.with_origin(DEFAULT_ORIGIN), f" ({PLACED})", f"; {PLACED}"
     try:
         written = write_products(read_records(records), placed, folder / STAND_FOLDER, origin_note=note)
     except (RecordsError, TooManyError, OSError) as error:
         return [f"stand: not written: {error}"]
-    return [f"stand: {describe_products(written)}{note}", f"stand: report and files in {folder / STAND_FOLDER}"]
+    return [f"stand: {describe_products(written)}{said}", f"stand: report and files in {folder / STAND_FOLDER}"]

@@ -19,7 +19,7 @@ def empty_store(folder: Path) -> None:
 
 def test_a_mission_without_an_origin_is_said_to_be_at_the_simulators(tmp_path: Path) -> None:
     empty_store(tmp_path)
-    assert write_stand(mission(), tmp_path)[0].endswith(f" ({PLACED})")
+    assert write_stand(mission(), tmp_path)[0].endswith(f"; {PLACED}")
     assert "placed at the simulator&#x27;s default origin" in (tmp_path / STAND_FOLDER / "report.html").read_text()
 
 
