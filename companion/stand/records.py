@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sqlite3
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from statistics import median
@@ -15,7 +15,10 @@ from companion.survey.track import TRACK_KIND, TrackPoint, decode_track
 
 MAX_RECORDS: Final = 250_000  # 12 vehicles for an hour: 21,600 of the track, and 19 observations of each of 5,000 stems
 ASTRAY_M: Final = 3_000.0  # from the median of all positions: no swarm surveys so far apart
+TABLES: Final = frozenset({"meta", "record", "log"})  # of a store
+RESTART_S: Final = 5.0  # made so much before an earlier number of its log: the writer's clock has started anew
 Key = tuple[int, int, int]  # vehicle_id, log_id, number
+Session = tuple[int, int, int]  # vehicle_id, log_id, how often the clock had started anew
 
 
 class RecordLike(Protocol):
@@ -51,6 +54,7 @@ class KeyedObservation(NamedTuple):
 
     key: Key
     observation: StemObservation
+    session: Session  # within it times compare
 
 
 class KeyedPoint(NamedTuple):
@@ -58,6 +62,21 @@ class KeyedPoint(NamedTuple):
 
     key: Key
     point: TrackPoint
+    session: Session
+
+
+class LogCount(NamedTuple):
+    """Records of one log that are here, of those that its highest number says there are at least."""
+
+    vehicle_id: int
+    log_id: int
+    records: int
+    at_least: int
+
+    @property
+    def missing(self) -> int:
+        """Numbers below the highest that are not here."""
+        return self.at_least - self.records
 
 
 class Harvest(NamedTuple):
@@ -68,6 +87,25 @@ class Harvest(NamedTuple):
     refused: int  # records of these kinds whose body is malformed, or whose position is none of this survey
     records: tuple[RecordLike, ...]  # all, of whatever kind
 
+    def counted(self) -> tuple[LogCount, ...]:
+        """Of each log, by vehicle: numbers start at 1 and have no gap, so one that is not here is missing."""
+        found: dict[tuple[int, int], LogCount] = {}
+        for r in self.records:  # sorted
+            before = found.get((r.vehicle_id, r.log_id))
+            here = 1 if before is None else before.records + 1
+            found[r.vehicle_id, r.log_id] = LogCount(r.vehicle_id, r.log_id, here, max(here, r.number))
+        return tuple(found.values())
+
+    def missing_line(self) -> str | None:
+        """Line for people on records that are missing; None: none that is known of."""
+        logs = self.counted()
+        missing = sum(log.missing for log in logs)
+        if not missing:
+            return None
+        vehicles = sorted({log.vehicle_id for log in logs if log.missing})
+        who = f"vehicle{'s' * (len(vehicles) > 1)} {', '.join(map(str, vehicles))}"
+        return f"{missing} of at least {sum(log.at_least for log in logs)} records are missing, of {who}"
+
 
 class RecordsError(Exception):
     """A file that holds no records; the message names it."""
@@ -77,18 +115,27 @@ def read_records(path: Path) -> list[StoredRecord]:
     """All records of the store in `path`. RecordsError: it cannot be read."""
     if not path.is_file():
         raise RecordsError(f"{path}: no such file")
+    foreign = ""
     try:
         with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as database:
             rows = database.execute(
                 "SELECT vehicle_id, log_id, number, kind, made_s, body FROM record LIMIT ?", (MAX_RECORDS + 1,)
             ).fetchall()
+            if not rows:  # a database of something else, in which a base station once looked
+                names = {
+                    str(name) for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
+                }
+                foreign = min((n for n in names - TABLES if not n.startswith("sqlite_")), default="")
     except sqlite3.Error as error:
         raise RecordsError(f"{path}: cannot be read as a store of records: {error}") from None
+    if foreign:
+        raise RecordsError(f"{path}: no store of records: it holds none, and the table {foreign}")
     if len(rows) > MAX_RECORDS:
         raise RecordsError(f"{path}: holds more than {MAX_RECORDS} records")
     found = [StoredRecord(*row) for row in rows]
     for record in found:
-        if not (all(isinstance(field, int) for field in record[:4]) and isinstance(record.body, bytes)):
+        is_whole = all(isinstance(field, int) for field in record[:4]) and isinstance(record.made_s, int | float)
+        if not (is_whole and isinstance(record.body, bytes)):
             raise RecordsError(f"{path}: record {record[:3]} is no record")
     return found
 
@@ -96,24 +143,40 @@ def read_records(path: Path) -> list[StoredRecord]:
 def harvest_of(records: Iterable[RecordLike]) -> Harvest:
     """`records` decoded; any order and any duplicates give the same."""
     unique = {(record.vehicle_id, record.log_id, record.number): record for record in records}
+    sessions = _sessions(unique)
     observations, points, refused = [], [], 0
     for key in sorted(unique):
         record = unique[key]
         if record.kind == STEM_KIND:
             stem = decode(record.body, record.vehicle_id)
             if stem is not None:
-                observations.append(KeyedObservation(key, stem))
+                observations.append(KeyedObservation(key, stem, sessions[key]))
             refused += stem is None
         elif record.kind == TRACK_KIND:
             point = decode_track(record.body, record.vehicle_id)
             if point is not None:
-                points.append(KeyedPoint(key, point))
+                points.append(KeyedPoint(key, point, sessions[key]))
             refused += point is None
     near = _near_median([*(o.observation for o in observations), *(p.point for p in points)])
     kept = tuple(o for o in observations if near(o.observation))
     way = tuple(p for p in points if near(p.point))
     refused += len(observations) - len(kept) + len(points) - len(way)
     return Harvest(kept, way, refused, tuple(unique[key] for key in sorted(unique)))
+
+
+def _sessions(unique: Mapping[Key, RecordLike]) -> dict[Key, Session]:
+    """Of each record. A log outlives a flight and a reboot, its writer's clock does not: it starts at 0 again."""
+    found: dict[Key, Session] = {}
+    session, latest_s = (-1, -1, 0), -math.inf
+    for key in sorted(unique):
+        made_s = unique[key].made_s
+        if key[:2] != session[:2]:
+            session, latest_s = (*key[:2], 0), made_s
+        elif made_s < latest_s - RESTART_S:
+            session, latest_s = (*key[:2], session[2] + 1), made_s
+        latest_s = max(latest_s, made_s)
+        found[key] = session
+    return found
 
 
 def _near_median(places: Sequence[StemObservation | TrackPoint]) -> Callable[[StemObservation | TrackPoint], bool]:

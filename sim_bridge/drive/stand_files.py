@@ -13,14 +13,17 @@ from sim_bridge.drive.lockstep.harvest import BASE_FILE
 from sim_bridge.world.world import DEFAULT_ORIGIN
 
 STAND_FOLDER: Final = "stand"
+PLACED: Final = "no [origin]: placed at the simulator's default origin"
 
 
 def write_stand(mission: Mission, folder: Path) -> list[str]:
     """Writes them into the run folder of a mission with [survey]; lines for people."""
     records = folder / BASE_FILE
-    placed = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
+    placed, note, said = mission, "", ""
+    if mission.origin is None:
+        placed, note, said = mission.with_origin(DEFAULT_ORIGIN), f" ({PLACED})", f"; {PLACED}"
     try:
-        written = write_products(read_records(records), placed, folder / STAND_FOLDER)
+        written = write_products(read_records(records), placed, folder / STAND_FOLDER, origin_note=note)
     except (RecordsError, TooManyError, OSError) as error:
         return [f"stand: not written: {error}"]
-    return [f"stand: {describe_products(written)}", f"stand: report and files in {folder / STAND_FOLDER}"]
+    return [f"stand: {describe_products(written)}{said}", f"stand: report and files in {folder / STAND_FOLDER}"]

@@ -14,6 +14,7 @@ from companion.stand.products.report import report_page
 from companion.stand.records import StoredRecord, harvest_of
 from companion.survey.observation import STEM_KIND, Grade, StemObservation, encode
 from companion.survey.track import TRACK_KIND, TrackPoint, encode_track
+from mission.document.model import Mission
 
 
 def single(low: float, high: float) -> st.SearchStrategy[float]:
@@ -58,6 +59,13 @@ BODIES = st.one_of(
     st.tuples(st.just(TRACK_KIND), POINTS.map(encode_track)),
     st.tuples(st.sampled_from([STEM_KIND, TRACK_KIND, 3]), st.binary(max_size=60)),
 )
+SOMEWHERE = Mission.model_validate(
+    {
+        "schema": 1,
+        "route": {"d1_enu_m": (0.0, 0.0, 5.0), "d2_enu_m": (40.0, 30.0, 5.0), "vel_leader_mps": 1.0},
+        "swarm": {"size": 2},
+    }
+)
 RECORDS = st.lists(st.tuples(st.integers(1, 3), st.integers(0, 1), BODIES), max_size=40)
 
 
@@ -70,7 +78,7 @@ def test_any_records_make_a_report_with_numbers_that_are_numbers(
     harvest = harvest_of(records)
     fusion = fuse(harvest.observations)
     ground = figures_of(harvest, fusion, area_m=None)
-    assert report_page("any", harvest, fusion, ground, None).endswith("</html>\n")
+    assert report_page(SOMEWHERE, harvest, fusion, ground).endswith("</html>\n")
     assert sorted(i for stem in fusion.stems for i in stem.observed) == list(range(len(harvest.observations)))
     for stem in fusion.stems:
         numbers = [value for value in astuple(stem) if isinstance(value, float)]

@@ -60,6 +60,11 @@ class StandFigures:
     blocks: int
     form_height_m: float
 
+    @property
+    def seen_share(self) -> float:
+        """Of the mission's area; 1 where there is none."""
+        return min(1.0, self.seen_ha / self.area_ha) if self.area_ha else 1.0
+
 
 @dataclass(frozen=True, slots=True)
 class SeenGround:
@@ -106,10 +111,10 @@ def _found(looks: Looks, stems: Sequence[FusedStem], harvest: Harvest, fusion: F
     times: dict[tuple[int, int], list[tuple[float, float]]] = {}
     for j, stem in enumerate(stems):
         for i in stem.observed:
-            key, observation = harvest.observations[i]
+            _, observation, session = harvest.observations[i]
             if observation.grade is Grade.POOR:  # as if it were not: only better ones make a stem count
                 continue
-            times.setdefault((j, index[key[:2]]), []).append((observation.first_s, observation.last_s))
+            times.setdefault((j, index[session]), []).append((observation.first_s, observation.last_s))
     margin_s = LOOK_GAP_S / 2.0
     ends = zip(looks.place.tolist(), looks.log.tolist(), looks.first_s.tolist(), looks.last_s.tolist(), strict=True)
     return np.asarray(

@@ -66,14 +66,14 @@ class Grid:
 def track_of(points: Sequence[KeyedPoint], fusion: Fusion) -> Track:
     """In the stems' frame: what the adjustment found of each log's error is taken off."""
     index = {log: k for k, log in enumerate(fusion.logs)}
-    for unseen in sorted({p.key[:2] for p in points}):
+    for unseen in sorted({p.session for p in points}):
         index.setdefault(unseen, len(index))
-    told = sorted((p for p in points if p.point.range_m > 0.0), key=lambda p: (index[p.key[:2]], p.point.at_s, p.key))
+    told = sorted((p for p in points if p.point.range_m > 0.0), key=lambda p: (index[p.session], p.point.at_s, p.key))
     kept: list[KeyedPoint] = []
     for p in told:
-        if not kept or kept[-1].key[:2] != p.key[:2] or _is_apart(kept[-1].point, p.point):
+        if not kept or kept[-1].session != p.session or _is_apart(kept[-1].point, p.point):
             kept.append(p)
-    log = np.asarray([index[p.key[:2]] for p in kept], dtype=np.int64)
+    log = np.asarray([index[p.session] for p in kept], dtype=np.int64)
     time_s = np.asarray([p.point.at_s for p in kept])
     pos_m = np.asarray([(p.point.east_m, p.point.north_m) for p in kept]).reshape(-1, 2)
     for k in np.unique(log).tolist():

@@ -11,11 +11,12 @@ import numpy as np
 from companion.stand.fusion.adjustment import Frames, Knots
 from companion.stand.fusion.associate import associate_observations
 from companion.stand.fusion.diameters import between_share, fuse_diameters
-from companion.stand.fusion.windows import columns_of
-from companion.stand.records import KeyedObservation
+from companion.stand.fusion.windows import MAX_KNOTS, columns_of
+from companion.stand.records import KeyedObservation, Session
 from companion.survey.observation import Grade
 
 MAX_OBSERVATIONS: Final = 100_000  # 5,000 stems, each measured 20 times
+MAX_LOGS: Final = MAX_KNOTS // 2  # each has two knots at least
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,12 +49,12 @@ class Fusion:
 
     stems: tuple[FusedStem, ...]
     frames: Frames
-    logs: tuple[tuple[int, int], ...]  # vehicle_id, log_id: `frames` has them by index
+    logs: tuple[Session, ...]  # `frames` has them by index
     between: float  # standard deviation between observations of one diameter, over it
 
 
 class TooManyError(Exception):
-    """More observations than MAX_OBSERVATIONS."""
+    """More observations than MAX_OBSERVATIONS, or of more logs than MAX_LOGS."""
 
 
 def fuse(observations: Sequence[KeyedObservation]) -> Fusion:
@@ -64,6 +65,8 @@ def fuse(observations: Sequence[KeyedObservation]) -> Fusion:
         none = np.zeros(0)
         return Fusion((), Frames(Knots(np.zeros(0, dtype=np.int64), none, none, 1.0), np.zeros((0, 2))), (), 0.0)
     columns = columns_of(observations)
+    if len(columns.logs) > MAX_LOGS:
+        raise TooManyError(f"{len(columns.logs)} logs and restarts of their clocks: must be at most {MAX_LOGS}")
     stem, count, solution = associate_observations(columns)
     members: list[list[int]] = [[] for _ in range(count)]
     for i, k in enumerate(stem.tolist()):
@@ -71,17 +74,17 @@ def fuse(observations: Sequence[KeyedObservation]) -> Fusion:
     between = between_share([[observations[i].observation for i in own] for own in members])
     found = []
     for k, own in enumerate(members):
-        first_s, fused = _fused(observations, own, between, solution.stem_m[k].tolist(), float(solution.stem_sd_m[k]))
-        found.append((first_s, fused.stem_id, fused))
+        order, fused = _fused(observations, own, between, solution.stem_m[k].tolist(), float(solution.stem_sd_m[k]))
+        found.append((order, fused.stem_id, fused))
     return Fusion(tuple(fused for *_, fused in sorted(found)), solution.frames, columns.logs, between)
 
 
 def _fused(
     observations: Sequence[KeyedObservation], own: list[int], between: float, pos_m: list[float], sd_m: float
-) -> tuple[float, FusedStem]:
-    """A stem of the observations `own`, and when the first of them was made."""
+) -> tuple[tuple[int, float], FusedStem]:
+    """A stem of the observations `own`, and when the first of them was made: after how many restarts, and then."""
     told = [observations[i].observation for i in own]
-    first = min(own, key=lambda i: (observations[i].observation.first_s, observations[i].key))
+    first = min(own, key=lambda i: (_since(observations[i]), observations[i].key))
     vehicle_id, log_id, number = observations[first].key
     diameter = fuse_diameters(told, between)
     best = min(told, key=lambda o: (o.grade, o.dbh_sd_m))
@@ -100,4 +103,9 @@ def _fused(
         observed=tuple(own),
         vehicles=tuple(sorted({o.vehicle_id for o in told})),
     )
-    return observations[first].observation.first_s, stem
+    return _since(observations[first]), stem
+
+
+def _since(seen: KeyedObservation) -> tuple[int, float]:
+    """Order in time, as far as clocks tell it: a second flight's starts at 0 again, and is later all the same."""
+    return seen.session[2], seen.observation.first_s

@@ -1,4 +1,7 @@
-"""Observations as arrays, cut into windows: what one log saw within one interval of its clock."""
+"""Observations as arrays, cut into windows: what one log saw within one interval of its clock.
+
+A log here is one session of a log of records: a clock that started anew tells no times of one pass.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from companion.stand.records import KeyedObservation
+from companion.stand.records import KeyedObservation, Session
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -30,7 +33,7 @@ DIAMETER_SD_MIN_M: Final = 0.002
 class Columns:
     """n observations, in the order of their records' keys. Positions: north, east."""
 
-    log: Ints  # index of (vehicle_id, log_id)
+    log: Ints  # index in `logs`
     first_s: Floats
     last_s: Floats
     time_s: Floats  # the middle
@@ -39,7 +42,7 @@ class Columns:
     frame_sd_m: Floats
     dbh_m: Floats
     dbh_sd_m: Floats
-    logs: tuple[tuple[int, int], ...]
+    logs: tuple[Session, ...]
 
     @property
     def n(self) -> int:
@@ -49,7 +52,7 @@ class Columns:
 
 def columns_of(observations: Sequence[KeyedObservation]) -> Columns:
     """`observations` as they are sorted."""
-    logs = tuple(sorted({o.key[:2] for o in observations}))
+    logs = tuple(sorted({o.session for o in observations}))
     index = {log: k for k, log in enumerate(logs)}
     told = [o.observation for o in observations]
 
@@ -60,7 +63,7 @@ def columns_of(observations: Sequence[KeyedObservation]) -> Columns:
     frame_sd_m = np.maximum(column([o.frame_sd_m for o in told]), FRAME_SD_MIN_M)
     position_sd_m = np.maximum(column([o.position_sd_m for o in told]), POSITION_SD_MIN_M)
     return Columns(
-        log=np.asarray([index[o.key[:2]] for o in observations], dtype=np.int64),
+        log=np.asarray([index[o.session] for o in observations], dtype=np.int64),
         first_s=first_s,
         last_s=last_s,
         time_s=(first_s + last_s) / 2.0,

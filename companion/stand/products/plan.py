@@ -49,7 +49,7 @@ def drawn_plan(
     parts += [_circle(stem, times) for stem in sorted(stems, key=lambda s: -s.dbh_m)]
     parts += _furniture(west, south, east)
     box = f"{west:.2f} {-north:.2f} {wide_m:.2f} {high_m:.2f}"
-    about = f"{escape(title)}. Stems are drawn {times:g} times as thick as they are."
+    about = f"{escape(title)}. {f'Stems are drawn {times:g} times as thick as they are.' if stems else 'None.'}"
     head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{box}" role="img" aria-label="{about}">'
     return Plan("\n".join((head, f"<title>{escape(title)}</title>", *parts, "</svg>")), times)
 

@@ -14,7 +14,7 @@ from companion.stand.products.plan import Plan, drawn_plan
 from companion.stand.records import Harvest
 from companion.survey.observation import Grade
 from mission import __version__
-from mission.common.plane import Point
+from mission.document.model import Mission
 
 POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
 STYLE: Final = """\
@@ -47,10 +47,12 @@ circle.left { opacity: 0.6; }
 """
 
 
-def report_page(name: str, harvest: Harvest, fusion: Fusion, ground: SeenGround, area_m: Sequence[Point] | None) -> str:
-    """The document of the stand of mission `name`."""
+def report_page(mission: Mission, harvest: Harvest, fusion: Fusion, ground: SeenGround, origin_note: str = "") -> str:
+    """The document of the mission's stand. `origin_note`: what is to be said of its origin."""
+    name, area_m = mission.name, mission.fence.polygon_enu_m
     title = f"Stand report: {escape(name)}"
     figures = ground.figures
+    lines = [*_made(mission, harvest, origin_note), *_method(harvest, fusion)]
     plan = drawn_plan(fusion.stems, ground, area_m, f"Stems of {name}")
     distribution = "" if figures is None else "\n".join(_distribution(figures))
     return f"""<!doctype html>
@@ -72,9 +74,9 @@ def report_page(name: str, harvest: Harvest, fusion: Fusion, ground: SeenGround,
 <div class="columns">
 <div>
 <section><h2>Map of stems</h2>
-<figure>{"" if plan is None else plan.svg}<figcaption>{_legend(plan)}</figcaption></figure></section>
+<figure>{"" if plan is None else plan.svg}<figcaption>{_legend(plan, fusion.stems)}</figcaption></figure></section>
 <section><h2>How it was measured</h2>
-<ul>{"".join(f"<li>{line}</li>" for line in _method(harvest, fusion))}</ul></section>
+<ul>{"".join(f"<li>{line}</li>" for line in lines)}</ul></section>
 </div>
 <div>
 <section><h2>Stand</h2>{_stand(figures)}</section>
@@ -93,7 +95,9 @@ def _answer(figures: StandFigures | None) -> str:
     """The finding in a sentence."""
     if figures is None:
         return "Too little ground was seen, or too few stems were found, for figures per hectare."
-    area = "the ground that was seen" if figures.area_ha is None else f"the mission's area of {figures.area_ha:.2f} ha"
+    area = "the ground that was seen"
+    if figures.area_ha is not None:
+        area = f"the mission's area of {figures.area_ha:.2f} ha ({100.0 * figures.seen_share:.0f} % seen)"
     return (
         f"Basal area {_said(figures.basal_area_m2_per_ha, 1)} m²/ha and {_said(figures.stems_per_ha, 0)} stems/ha "
         f"on {area}, of stems from {100.0 * DBH_MIN_M:g} cm."
@@ -148,13 +152,30 @@ def _distribution(figures: StandFigures) -> Iterator[str]:
     yield "</tbody></table>"
 
 
-def _legend(plan: Plan | None) -> str:
+def _legend(plan: Plan | None, stems: Sequence[FusedStem]) -> str:
     if plan is None:
         return "Nothing to draw."
-    return (
-        f"Green: ground that the figures are of. Circles: stems, {plan.times:g} times as thick as they are, filled of "
-        "grade good, open of fair, broken of poor, and pale where not counted. Line: the mission's area."
+    circles = (
+        f"Circles: stems, {plan.times:g} times as thick as they are, filled of grade good, open of fair, broken of "
+        "poor, and pale where not counted. "
     )
+    return f"Green: ground that the figures are of. {circles * bool(stems)}Line: the mission's area."
+
+
+def _made(mission: Mission, harvest: Harvest, origin_note: str) -> Iterator[str]:
+    """Mission, sensor, place, and the records that there are."""
+    sensor = "no obstacle sensor" if mission.sensing is None else f"sensor {mission.sensing.sensor.value}"
+    if mission.origin is None:
+        place = "no [origin], so places are in metres of the mission's frame and not on Earth"
+    else:
+        place = f"origin {mission.origin.lat_deg:.6f}, {mission.origin.lon_deg:.6f}{origin_note}"
+    yield escape(f"Mission {mission.name}: {sensor}; {place}.")
+    vehicles = len({log.vehicle_id for log in harvest.counted()})
+    records = len(harvest.records)
+    yield f"{records} record{'s' * (records != 1)} of {vehicles} vehicle{'s' * (vehicles != 1)}."
+    missing = harvest.missing_line()
+    if missing is not None:
+        yield f"<strong>{missing}</strong>: what they saw is in no figure."
 
 
 def _method(harvest: Harvest, fusion: Fusion) -> Iterator[str]:
@@ -198,7 +219,7 @@ def _unseen(figures: StandFigures | None, stems: Sequence[FusedStem]) -> Iterato
         return
     if figures.area_ha is not None:
         rest = max(0.0, figures.area_ha - figures.seen_ha)
-        share = 100.0 * min(1.0, figures.seen_ha / figures.area_ha)
+        share = 100.0 * figures.seen_share
         yield (
             f"{figures.seen_ha:.2f} ha of {figures.area_ha:.2f} ha were seen ({share:.0f} %); {rest:.2f} ha were not. "
             "The figures take these to be as the rest: the interval says how far that may be off."

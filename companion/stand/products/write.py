@@ -22,6 +22,7 @@ from mission.stems.geopackage_write import points_gpkg
 LAYER: Final = "stems"
 FORMAT: Final = "understory-stand"
 VERSION: Final = 1
+GEOJSON: Final = "stems.geojson"  # of missions with an origin alone
 
 
 class Products(NamedTuple):
@@ -30,14 +31,22 @@ class Products(NamedTuple):
     files: tuple[Path, ...]
     fusion: Fusion
     ground: SeenGround
+    harvest: Harvest
 
 
 def write_products(
-    records: Iterable[RecordLike], mission: Mission, out_dir: Path, *, form_height_m: float = FORM_HEIGHT_M
+    records: Iterable[RecordLike],
+    mission: Mission,
+    out_dir: Path,
+    *,
+    form_height_m: float = FORM_HEIGHT_M,
+    origin_note: str = "",
 ) -> Products:
     """Files and report of `records` into `out_dir`, which is made. OSError names a file that cannot be written.
 
-    Figures are of the mission's fence, where it has a polygon. A file is replaced whole, or left as it was.
+    Figures are of the mission's fence, where it has a polygon. A file is replaced whole, or left as it was;
+    one of these names that is not written this time is removed.
+    `origin_note`: what the report is to say of the mission's origin.
     """
     harvest = harvest_of(records)
     fusion = fuse(harvest.observations)
@@ -45,17 +54,19 @@ def write_products(
     ground = figures_of(harvest, fusion, area_m=area_m, form_height_m=form_height_m)
     out_dir.mkdir(parents=True, exist_ok=True)
     files = []
-    for name, made in _texts(mission, harvest, fusion, ground):
+    for name, made in _texts(mission, harvest, fusion, ground, origin_note):
         file, data = out_dir / name, made()
         scratch = out_dir / f".{name}.part"
         scratch.write_bytes(data)
         os.replace(scratch, file)
         files.append(file)
-    return Products(tuple(files), fusion, ground)
+    if GEOJSON not in {file.name for file in files}:
+        (out_dir / GEOJSON).unlink(missing_ok=True)  # of a time before: other stems, on another spot of Earth
+    return Products(tuple(files), fusion, ground, harvest)
 
 
 def _texts(
-    mission: Mission, harvest: Harvest, fusion: Fusion, ground: SeenGround
+    mission: Mission, harvest: Harvest, fusion: Fusion, ground: SeenGround, origin_note: str
 ) -> Iterable[tuple[str, Callable[[], bytes]]]:
     """Names of the files, and how each is made."""
     origin = None if mission.origin is None else mission.origin.wgs84
@@ -65,16 +76,18 @@ def _texts(
     lidar, system = to_3dfin_csv(stems, origin)
     yield "stems.gpkg", lambda: points_gpkg(LAYER, columns, places, rows_of(stems), origin)
     if origin is not None:
-        yield "stems.geojson", lambda: to_geojson(stems, origin).encode()
+        yield GEOJSON, lambda: to_geojson(stems, origin).encode()
     yield "stems.csv", lambda: to_csv(stems).encode()
     yield "stems_3dfin.csv", lambda: lidar.encode()
-    yield "stand.json", lambda: (json.dumps(_figures(mission, fusion, ground, system), indent=1) + "\n").encode()
+    yield (
+        "stand.json",
+        lambda: (json.dumps(_figures(mission, harvest, fusion, ground, system), indent=1) + "\n").encode(),
+    )
     yield "records.jsonl", lambda: to_json_lines(harvest).encode()
-    area_m = mission.fence.polygon_enu_m
-    yield "report.html", lambda: report_page(mission.name, harvest, fusion, ground, area_m).encode()
+    yield "report.html", lambda: report_page(mission, harvest, fusion, ground, origin_note).encode()
 
 
-def _figures(mission: Mission, fusion: Fusion, ground: SeenGround, system: str) -> dict[str, Any]:
+def _figures(mission: Mission, harvest: Harvest, fusion: Fusion, ground: SeenGround, system: str) -> dict[str, Any]:
     """The stand's figures, as docs/reference/stand-files.md defines them."""
     figures = None if ground.figures is None else asdict(ground.figures)
     if ground.figures is not None and figures is not None:
@@ -86,6 +99,9 @@ def _figures(mission: Mission, fusion: Fusion, ground: SeenGround, system: str) 
         "version": VERSION,
         "made_by": f"understory {__version__}",
         "mission": mission.name,
+        "sensor": None if mission.sensing is None else mission.sensing.sensor.value,
+        "origin": None if mission.origin is None else mission.origin.model_dump(),
+        "logs": [{**log._asdict(), "missing": log.missing} for log in harvest.counted()],
         "stems": len(fusion.stems),
         "stems_3dfin_xy": system,
         "figures": figures,
@@ -94,10 +110,15 @@ def _figures(mission: Mission, fusion: Fusion, ground: SeenGround, system: str) 
 
 def describe_products(written: Products) -> str:
     """The finding, in a line."""
+    missing = written.harvest.missing_line()
     found = f"{len(written.fusion.stems)} stems"
+    end = "" if missing is None else f"; {missing}"
     figures = written.ground.figures
     if figures is None:
-        return f"{found}; too little ground was seen, or too few stems found, for figures per hectare"
+        return f"{found}; too little ground was seen, or too few stems found, for figures per hectare{end}"
     basal = figures.basal_area_m2_per_ha
     spread = "" if basal.low is None or basal.high is None else f" ({basal.low:.1f} to {basal.high:.1f})"
-    return f"{found}; {figures.seen_ha:.2f} ha seen; basal area {basal.value:.1f} m2/ha{spread}"
+    seen = f"{figures.seen_ha:.2f} ha seen"
+    if figures.area_ha is not None:
+        seen = f"{figures.seen_ha:.2f} of {figures.area_ha:.2f} ha seen ({100.0 * figures.seen_share:.0f} %)"
+    return f"{found}; {seen}; basal area {basal.value:.1f} m2/ha{spread}{end}"

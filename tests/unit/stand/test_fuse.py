@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
+from companion.stand.figures.estimate import figures_of
 from companion.stand.fusion import fuse as fuse_module
 from companion.stand.fusion import windows
 from companion.stand.fusion.fuse import TooManyError, fuse
@@ -118,7 +119,7 @@ def test_a_vehicle_that_lost_its_disk_starts_another_log_with_errors_of_its_own(
         for k, o in enumerate(told, start=1)
     ]
     fusion = fuse(harvest_of(records).observations)
-    assert fusion.logs == ((1, 7), (1, 9))
+    assert fusion.logs == ((1, 7, 0), (1, 9, 0))
     assert len(fusion.stems) == len(trees)
 
 
@@ -220,3 +221,57 @@ def test_stems_of_a_survey_stand_apart() -> None:
     places = np.asarray([(s.east_m, s.north_m) for s in stems])
     pairs = cKDTree(places).query_pairs(0.5)
     assert all(stems[a].dbh_m + stems[b].dbh_m < 2.4 * float(np.hypot(*(places[a] - places[b]))) for a, b in pairs)
+
+
+def flown_again(records: list[StoredRecord], *, log_id: int) -> list[StoredRecord]:
+    """The same flight once more, after those numbers, by clocks that started anew."""
+    last = {v: max(r.number for r in records if r.vehicle_id == v) for v in {r.vehicle_id for r in records}}
+    return [r._replace(log_id=log_id, number=last[r.vehicle_id] + r.number) for r in records]
+
+
+def two_flights(log_id: int) -> list[StoredRecord]:
+    """Over the same trees; the second one's records are in this log."""
+    trees = regular_stand(2, 300.0, east_m=20.0, north_m=20.0)
+    first, second = (
+        records_of(trees, rows_of((0.0, 0.0), (20.0, 20.0), survey), survey)
+        for survey in (Survey(seed=2, vehicles=2), Survey(seed=3, vehicles=2))
+    )
+    return [*first, *flown_again(second, log_id=log_id)]
+
+
+def test_a_second_flight_in_the_same_log_makes_no_stem_twice() -> None:
+    one_log, two_logs = harvest_of(two_flights(7)), harvest_of(two_flights(8))
+    stems, expected = (fuse(harvest.observations).stems for harvest in (one_log, two_logs))
+    seen = {tree_of(o.observation) for o in one_log.observations}
+    assert len(stems) == len(expected)
+    assert abs(len(stems) - len(seen)) <= 0.05 * len(seen)
+    figures, as_expected = (figures_of(h, fuse(h.observations), area_m=None).figures for h in (one_log, two_logs))
+    assert figures is not None
+    assert as_expected is not None
+    assert figures.stems_per_ha.value == pytest.approx(as_expected.stems_per_ha.value, rel=0.01)
+
+
+def test_two_flights_in_one_log_are_the_same_in_any_order() -> None:
+    records = two_flights(7)
+    mixed = [*records, *records[::5]]
+    random.Random(5).shuffle(mixed)
+    assert fuse(harvest_of(mixed).observations).stems == fuse(harvest_of(records).observations).stems
+
+
+def test_a_stem_keeps_its_id_when_a_later_flights_clock_is_younger() -> None:
+    first = said(2, north_m=5.0, east_m=3.0, at_s=50.0)
+    again = replace(first, first_s=9.0, last_s=13.0)
+    (stem,) = fused([first, again]).stems
+    assert stem.stem_id == "2-00000007-1"
+
+
+def test_records_a_little_out_of_order_are_of_one_session() -> None:
+    beside = [said(1, north_m=5.0, east_m=e, dbh_m=0.2, at_s=at_s) for e, at_s in ((3.0, 12.0), (3.15, 9.0))]
+    assert len(fused(beside).stems) == 2  # seen at one time
+
+
+def test_more_restarts_than_the_bound_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fuse_module, "MAX_LOGS", 2)
+    told = [said(1, north_m=5.0, east_m=3.0, at_s=at_s) for at_s in (90.0, 60.0, 30.0)]
+    with pytest.raises(TooManyError, match="3 logs and restarts"):
+        fused(told)

@@ -17,9 +17,8 @@ from pathlib import Path
 import pytest
 
 from companion.cli import main
-from companion.stand import records as records_module
-from companion.stand.products.write import write_products
-from companion.stand.records import RecordsError, StoredRecord, read_records
+from companion.stand.products.write import describe_products, write_products
+from companion.stand.records import StoredRecord, read_records
 from companion.survey.observation import STEM_KIND, Grade, encode
 from mission.common.frames import LocalFrame, Wgs84
 from mission.document.model import Mission
@@ -114,7 +113,8 @@ def test_the_csv_is_a_stem_map_that_missions_read(folder: Path) -> None:
 
 def test_the_3dfin_file_is_in_metres_and_utm(folder: Path) -> None:
     ours, theirs = rows(folder / "stems.csv"), rows(folder / "stems_3dfin.csv")
-    assert list(theirs[0])[:5] == ["treeID", "TH", "DBH", "X", "Y"]
+    assert list(theirs[0]) == ["treeID", "TH", "DBH", "X", "Y", "stem_id"]
+    assert [row["stem_id"] for row in theirs] == [row["stem_id"] for row in ours]
     assert json.loads((folder / "stand.json").read_text())["stems_3dfin_xy"] == "UTM 32N (EPSG:32632)"
     frame = LocalFrame(Wgs84(47.5, 8.5, 400.0))
     for own, other in zip(ours, theirs, strict=True):
@@ -272,42 +272,6 @@ def test_the_program_writes_everything_and_says_the_finding(
     assert not list((tmp_path / "out").glob(".*"))
 
 
-@pytest.mark.parametrize(
-    ("content", "said_there"),
-    [(None, "no such file"), (b"no database at all, but long enough to be one" * 9, "cannot be read as a store")],
-)
-def test_a_store_that_is_none_is_refused(
-    content: bytes | None, said_there: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "m.toml").write_text(TEXT)
-    if content is not None:
-        (tmp_path / "base.db").write_bytes(content)
-    arguments = ["--mission", str(tmp_path / "m.toml"), "--out", str(tmp_path / "out")]
-    assert main(["stand", str(tmp_path / "base.db"), *arguments]) == 2
-    error = capsys.readouterr().err
-    assert said_there in error
-    assert str(tmp_path / "base.db") in error
-
-
-def test_rows_that_are_no_records_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "m.toml").write_text(TEXT)
-    with sqlite3.connect(tmp_path / "base.db") as database:
-        database.execute("CREATE TABLE record (vehicle_id, log_id, number, kind, made_s, body)")
-        database.execute("INSERT INTO record VALUES (1, 7, 1, 'stem', 0.0, 'text')")
-    database.close()
-    arguments = ["--mission", str(tmp_path / "m.toml"), "--out", str(tmp_path / "out")]
-    assert main(["stand", str(tmp_path / "base.db"), *arguments]) == 2
-    assert "is no record" in capsys.readouterr().err
-
-
-def test_a_store_of_more_records_than_the_bound_is_refused(
-    records, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(records_module, "MAX_RECORDS", 10)
-    with pytest.raises(RecordsError, match="more than 10 records"):
-        read_records(stored(records, tmp_path / "base.db"))
-
-
 def test_a_folder_that_cannot_be_made_is_named(records, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "m.toml").write_text(TEXT)
     (tmp_path / "out").write_text("a file")
@@ -331,3 +295,57 @@ def test_a_form_height_beyond_reason_is_refused(value: str, capsys: pytest.Captu
     with pytest.raises(SystemExit):
         main(["stand", "a.db", "--mission", "m.toml", "--out", "out", "--form-height-m", value])
     assert "must be from 1 to 60 m" in capsys.readouterr().err
+
+
+def test_records_that_are_missing_are_told_in_report_figures_and_line(records, tmp_path: Path) -> None:
+    lost = [r for r in records if not (r.vehicle_id == 2 and r.number in (1, 4, 5))]
+    assert any(r.vehicle_id == 2 and r.number > 5 for r in lost)
+    written = write_products(lost, mission(), tmp_path)
+    line = f"3 of at least {len(records)} records are missing, of vehicle 2"
+    assert line in (tmp_path / "report.html").read_text()
+    assert describe_products(written).endswith(f"; {line}")
+    logs = json.loads((tmp_path / "stand.json").read_text())["logs"]
+    assert [(log["vehicle_id"], log["missing"]) for log in logs] == [(1, 0), (2, 3), (3, 0), (4, 0)]
+    assert sum(log["records"] for log in logs) == len(lost)
+
+
+def test_where_no_record_is_missing_nothing_is_said_of_it(records, folder: Path, tmp_path: Path) -> None:
+    assert "missing" not in (folder / "report.html").read_text()
+    assert "missing" not in describe_products(write_products(records, mission(), tmp_path))
+
+
+def test_the_report_says_how_it_was_made(folder: Path, records, tmp_path: Path) -> None:
+    page = (folder / "report.html").read_text()
+    assert "Mission north &lt;stand&gt;: no obstacle sensor; origin 47.500000, 8.500000." in page
+    assert f"{len(records)} records of 4 vehicles." in page
+    sensed = mission(sensing={"sensor": "multi-layer", "range_m": 12.0}, survey={})
+    write_products(records, sensed, tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    assert "sensor multi-layer; no [origin], so places are in metres" in page
+    told = json.loads((tmp_path / "stand.json").read_text())
+    assert (told["sensor"], told["origin"]) == ("multi-layer", None)
+
+
+def test_the_map_of_no_stems_has_no_circles_in_its_legend(records, tmp_path: Path) -> None:
+    write_products([r for r in records if r.kind != STEM_KIND], mission(), tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    assert "Green: ground" in page
+    assert "Circles" not in page
+    assert "times as thick" not in page
+
+
+def test_a_file_of_a_time_before_that_is_not_written_now_is_removed(records, tmp_path: Path) -> None:
+    write_products(records, mission(origin=ORIGIN), tmp_path)
+    (tmp_path / "notes.txt").write_text("mine")
+    written = write_products(records, mission(), tmp_path)
+    assert {file.name for file in tmp_path.iterdir()} == {file.name for file in written.files} | {"notes.txt"}
+
+
+def test_the_share_of_the_area_that_was_seen_stands_beside_the_figures(records, folder: Path, tmp_path: Path) -> None:
+    figures = json.loads((folder / "stand.json").read_text())["figures"]
+    share = f"{100.0 * figures['seen_ha'] / figures['area_ha']:.0f} %"
+    answer = re.search(r'<p class="answer">(.*?)</p>', (folder / "report.html").read_text())
+    assert answer is not None
+    assert f"ha ({share} seen)" in answer[1]
+    line = describe_products(write_products(records, mission(), tmp_path))
+    assert f" of {figures['area_ha']:.2f} ha seen ({share}); basal area" in line
