@@ -334,7 +334,7 @@ class Agent:
         if orders.rests:
             self._command_zero_velocity()  # from an old position, or blind, nothing can be kept clear of: brake
             own = picture.own if failsafe_engine.knows_position(picture.lacks) else None
-            bias = self.perception.setpoint_bias(self.localiser.velocity_bias_ned_mps)
+            bias = self.localiser.velocity_bias_ned_mps  # not by scans, which are late, or none
             return VelocitySetpoint(self._rest.hold(own, bias, picture.now_s), self.movement.yaw_rad)
         around = self._observe_surroundings(picture)
         desired = self.guide(self._brief(picture, orders, around))

@@ -174,7 +174,7 @@ def test_faults_of_vehicles_are_the_same_to_the_bit_on_jsbsim(tmp_path: Path) ->
 
 
 def test_a_blind_vehicle_stays_where_it_came_to_rest(tmp_path: Path) -> None:
-    """By zero velocity alone, as its estimator has it, it drifted into trunks (search, seed 35000)."""
+    """By zero velocity alone, as its estimator has it, it drifts by metres."""
     noted = Noted()
     mission = with_fault("blind", 2, for_s=25.0, tables={"sensing": {}})
     mission = mission.model_copy(update={"sim": mission.sim.model_copy(update={"estimates": Estimates.RECORDED})})

@@ -1,7 +1,8 @@
 """Rest of a vehicle that sees nothing new: it brakes, and then holds the place at which it came to rest.
 
 Zero velocity alone is no rest: reported velocities are wrong by 0.25 m/s rms for seconds, and who holds them drifts by
-metres while it is blind (search, seed 35000: from 1.2 m off into a trunk in 10 s). Reported positions wander by 0.3 m.
+metres while it is blind. Reported positions wander by 0.3 m. Without GNSS both are odometry, and drift alike: such a
+vehicle only brakes well (search, seed 35000: in 10 s from 1.2 m off into a trunk).
 """
 
 from __future__ import annotations
