@@ -148,7 +148,8 @@ class Surveyor:
         joint = JointFit(stems, self._lidar, self._taper.per_m, self._corrections, frames, frame, known)
         for _ in joint.steps():
             yield []
-        self._known = {stem: joint.state_of(len(passed) + k) for k, stem in enumerate(context)}
+        states = {stem: joint.state_of(len(passed) + k) for k, stem in enumerate(context)}
+        self._known = {stem: state for stem, state in states.items() if state is not None}
         measured = [
             self._observe_stem(stem, fit, cuts[k])
             for k, stem in enumerate(passed)

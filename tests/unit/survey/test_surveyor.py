@@ -86,3 +86,14 @@ def test_nothing_is_measured_below_the_fence() -> None:
 
 def test_the_kit_sees_one_trunk() -> None:
     assert 3 < sum(seen_m(k) < math.inf for k in range(360)) < 7
+
+
+def test_stems_of_too_few_rays_are_dropped_when_nothing_else_is_in_sight() -> None:
+    surveyor = Surveyor(flown(survey={}), 7)
+    for number in range(2):  # two turns: fewer rays than a fit needs
+        surveyor.integrate(turn_from(number, 0.0), pose_at(0.1 * number), 0.1 * number)
+    assert surveyor.collector.stems
+    for now_s in (0.3, 4.0, 11.0):  # in the air: not tracked for 3 s, then 6 s of waiting for others
+        for kind, _ in surveyor.take_records(pose_at(now_s, []), now_s):
+            assert kind != STEM_KIND
+    assert not surveyor.collector.stems
