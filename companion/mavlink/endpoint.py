@@ -317,7 +317,7 @@ class Endpoint:
         """Hands on the scans since the last tick; a survey measures stems by them."""
         survey = self.survey
         if survey is not None:
-            survey.begin_tick(self.agent)
+            survey.begin_tick(self.agent, now_s)
         for event in self.sensors.collect(now_s):
             self.agent.receive(event, now_s)
             if survey is not None and isinstance(event, LidarScan):
