@@ -24,7 +24,7 @@ from companion.mavlink.codec import Codec
 from companion.mavlink.framing import texts, wire
 from companion.mavlink.framing.frames import Framing, Incoming, source
 from companion.mavlink.framing.signing import Gate
-from companion.mavlink.harvest import RecordLink, Survey, scan_pose_of
+from companion.mavlink.harvest import GuardedSurvey, RecordLink, Survey
 from companion.mavlink.own_messages import encode_relative_report
 from companion.mavlink.relative import RELATIVE_ID, read_relative_report
 from companion.mavlink.sensor_inputs import SHARED, SensorInputs
@@ -115,7 +115,7 @@ class Endpoint:
         self.autopilot_gate = Gate(takes_signed=True)  # by wire, or from a simulator
         self.peers_gate = Gate(takes_signed=False)  # by radio: a signature that is not read proves nothing
         self.sensors = SensorInputs(sensors, vehicle_id, sensor_streams)
-        self.survey: Final = survey
+        self.survey: Final = None if survey is None else GuardedSurvey(survey)
         self.records: Final = records
         reception = reception_counts(mission, vehicle_id)
         fix_hz = receiver_hz(mission, vehicle_id)
@@ -316,14 +316,17 @@ class Endpoint:
     def _take_scans(self, now_s: float) -> None:
         """Hands on the scans since the last tick; a survey measures stems by them."""
         survey = self.survey
-        pose = None if survey is None else scan_pose_of(self.agent)
+        if survey is not None:
+            survey.begin_tick(self.agent, now_s)
         for event in self.sensors.collect(now_s):
             self.agent.receive(event, now_s)
-            if survey is not None and pose is not None and isinstance(event, LidarScan):
-                survey.integrate(event, pose, now_s)
+            if survey is not None and isinstance(event, LidarScan):
+                survey.integrate(event, now_s)
         if survey is not None and self.records is not None:
-            for kind, body in survey.take_records(pose, now_s):
+            for kind, body in survey.take_records(now_s):
                 self.records.append(kind, body, now_s)
+        if survey is not None:
+            self._to_say += survey.take_says()
 
     def hello(self) -> bytes:
         """A HEARTBEAT to send before the first tick, so that the other end learns this companion's address."""

@@ -1,15 +1,28 @@
-"""The two collaborators that an endpoint may have: a survey, which measures stems, and a link that keeps records."""
+"""The two collaborators that an endpoint may have: a survey, which measures stems, and a link that keeps records.
+
+A vehicle flies without either: `GuardedSurvey` is the boundary at which an error of the survey ends.
+"""
 
 from __future__ import annotations
 
-from typing import Final, Protocol
+import math
+import traceback
+from collections.abc import Callable
+from typing import Final, Protocol, final
 
 from companion.core.agent import Agent
 from companion.core.localisation.gnss_denied.localiser import GnssDeniedLocaliser
+from companion.core.model.actions import Say
 from companion.core.model.events import LidarScan
+from companion.core.model.neighbour import find_hover_places
+from companion.core.model.states import Severity
 from companion.core.perception.landmarks.scan_pose import ScanPose
+from companion.core.perception.obstacle_cloud import find_hovering
 from companion.core.perception.obstacle_perception import SensingPerception
+from companion.core.perception.vehicle_tracks import MOVES_MPS
+from mission.common.frames import Vec3
 
+Place = tuple[float, float]
 FRAME_SD_M: Final = 1.0  # of a position by satellites under trees, level, slow: common to all seen at a time
 
 
@@ -42,7 +55,58 @@ class Survey(Protocol):
         """Once a tick: kinds and bodies of records that are finished. `pose`: None while there is none."""
 
 
-def scan_pose_of(agent: Agent) -> ScanPose | None:
+@final
+class GuardedSurvey:
+    """A survey behind the one boundary where its errors end: it stops for this flight, says so, and the flight goes on.
+
+    Measuring steers nothing, and a process that ended over it would leave its vehicle to the autopilot. All that works
+    for the survey alone is called here, and none of it may be called past it.
+    """
+
+    def __init__(self, survey: Survey) -> None:
+        self._survey: Final = survey
+        self._pose: ScanPose | None = None  # of this tick
+        self._says: list[Say] = []
+        self.error = ""  # that stopped it, for the log; empty: it runs
+
+    def begin_tick(self, agent: Agent, now_s: float) -> None:
+        """Takes the pose, before the scans of this tick correct it."""
+
+        def take_pose() -> None:
+            self._pose = scan_pose_of(agent, now_s)
+
+        self._attempt(take_pose)
+
+    def integrate(self, scan: LidarScan, now_s: float) -> None:
+        """A piece of a scan."""
+        pose = self._pose
+        if pose is not None:
+            self._attempt(lambda: self._survey.integrate(scan, pose, now_s))
+
+    def take_records(self, now_s: float) -> list[tuple[int, bytes]]:
+        """Once a tick, as `Survey` has it; none once it has stopped."""
+        found: list[tuple[int, bytes]] = []
+        self._attempt(lambda: found.extend(self._survey.take_records(self._pose, now_s)))
+        return found
+
+    def take_says(self) -> list[Say]:
+        """Words for the operator, since last asked."""
+        says, self._says = self._says, []
+        return says
+
+    def _attempt(self, work: Callable[[], None]) -> None:
+        if self.error:
+            return
+        try:
+            work()
+        except Exception as error:  # noqa: BLE001  not swallowed: said and logged; the flight needs no survey
+            raised = traceback.extract_tb(error.__traceback__)[-1]
+            place = f"{raised.filename.rpartition('/')[2]}:{raised.lineno} in {raised.name}"
+            self.error = f"{type(error).__name__}: {error} ({place})"
+            self._says.append(Say(Severity.WARNING, "survey: stopped by an error"))
+
+
+def scan_pose_of(agent: Agent, now_s: float) -> ScanPose | None:
     """The pose of this tick; None: the autopilot has told no position yet, or the vehicle has no sensor."""
     own, perception, localiser = agent.flight.vehicle.position, agent.perception, agent.localiser
     if own is None or not isinstance(perception, SensingPerception):
@@ -61,4 +125,17 @@ def scan_pose_of(agent: Agent) -> ScanPose | None:
         airborne=agent.flight.vehicle.airborne,
         trunks=motion.odometry.trunks,
         frame=motion.odometry.frame,
+        standing_ne_m=_find_standing(agent, perception, pos, now_s),
     )
+
+
+def _find_standing(agent: Agent, perception: SensingPerception, pos_ned_m: Vec3, now_s: float) -> list[Place]:
+    """Places of vehicles that hover, silent or held by their autopilots, and of those seen that no trunk outruns.
+
+    A neighbour that its companion steers needs no place here: what stands where it is heard is tracked as no trunk.
+    """
+    neighbours = agent.localiser.neighbours
+    rels = find_hover_places(find_hovering(agent.localiser.silent, neighbours).values())
+    seen = perception.motion.vehicles.find_vehicles(pos_ned_m, neighbours, now_s)
+    rels += [one.rel_ned_m for one in seen if math.hypot(one.vel_ned_mps[0], one.vel_ned_mps[1]) < MOVES_MPS]
+    return [(pos_ned_m[0] + rel[0], pos_ned_m[1] + rel[1]) for rel in rels]

@@ -15,6 +15,7 @@ from typing import Final
 
 import numpy as np
 
+from companion.survey.stem_fit import LEAST_RAYS as LEAST_STEM_RAYS
 from companion.survey.stem_fit import Cloud, Floats, Solution, StemFit
 from companion.survey.stem_rays import StemRays
 from mission.schema.kinds import RawLidar
@@ -71,26 +72,30 @@ class JointFit:
         self._lidar: Final = lidar
         self._taper: Final = taper
         self._corrections: Final = corrections
-        self._clouds: Final[list[Cloud]] = []
-        self._solutions: Final[list[Solution]] = []
+        self._clouds: Final[dict[int, Cloud]] = {}  # by the stem's index; of one with too few rays there is none
+        self._solutions: Final[dict[int, Solution]] = {}
 
     def steps(self) -> Iterator[None]:
         """Goes on by one step whenever it is asked."""
-        for stem, cut_m in self._stems:
+        for k, (stem, cut_m) in enumerate(self._stems):
             cloud = Cloud(stem.rays, cut_m, self._lidar, self._taper)
+            if len(cloud.scan) < LEAST_STEM_RAYS:
+                continue
             scans, index = np.unique(cloud.scan, return_inverse=True)
             cloud.turn_frame(np.array([self._turned_since(int(scan)) for scan in scans])[index].T)
             cloud.move(self._corrections.of(scans)[index].T)
-            self._clouds.append(cloud)
+            self._clouds[k] = cloud
             known = self._known.get(stem)
-            self._solutions.append(
+            self._solutions[k] = (
                 cloud.begin((stem.north_m, stem.east_m, stem.radius_m)) if known is None else cloud.resume(known)
             )
             yield
+        if not self._clouds:
+            return
         for k_round in range(ROUNDS):
             self._align_scans()
             yield
-            for k, cloud in enumerate(self._clouds):
+            for k, cloud in self._clouds.items():
                 self._solutions[k] = cloud.improve(self._solutions[k], last=k_round == ROUNDS - 1)
                 yield
 
@@ -101,26 +106,31 @@ class JointFit:
         cos, sin = math.cos(turn), math.sin(turn)
         return turn, now[1] - cos * then[1] + sin * then[2], now[2] - sin * then[1] - cos * then[2]
 
-    def state_of(self, k: int) -> Floats:
-        """The state that a stem was fitted to."""
-        return self._solutions[k].state
+    def state_of(self, k: int) -> Floats | None:
+        """The state that a stem was fitted to; None: it was not, there is none to go on from."""
+        solution = self._solutions.get(k)
+        return None if solution is None or not math.isfinite(solution.cost) else solution.state
 
     def fit_of(self, k: int) -> StemFit | None:
         """The stem as fitted; None: no circle."""
-        return self._solutions[k].told()
+        solution = self._solutions.get(k)
+        return None if solution is None else solution.told()
 
     def _align_scans(self) -> None:
         """Each scan's shift and turn, by all its rays, given the stems."""
-        clouds = self._clouds
+        fitted = [k for k, solution in self._solutions.items() if math.isfinite(solution.cost)]
+        if not fitted:
+            return
+        clouds, solutions = [self._clouds[k] for k in fitted], [self._solutions[k] for k in fitted]
         scans, index = np.unique(np.concatenate([cloud.scan for cloud in clouds]), return_inverse=True)
         slopes: list[Floats] = []
-        for cloud, solution in zip(clouds, self._solutions, strict=True):
+        for cloud, solution in zip(clouds, solutions, strict=True):
             out_n, out_e = solution.linear.out_n, solution.linear.out_e
             turning = out_e * (cloud.north - cloud.eye_n) - out_n * (cloud.east - cloud.eye_e)
             slopes.append(np.stack([out_n, out_e, turning]))
         slope = np.concatenate(slopes, axis=1)
-        off = np.concatenate([solution.linear.off for solution in self._solutions])
-        weight = np.concatenate([solution.linear.weight for solution in self._solutions])
+        off = np.concatenate([solution.linear.off for solution in solutions])
+        weight = np.concatenate([solution.linear.weight for solution in solutions])
         count = len(scans)
         normal, gradient = np.zeros((count, 3, 3)), np.zeros((count, 3))
         for i in range(3):

@@ -31,6 +31,8 @@ GROUND_TURNS: Final = 10  # after so many the ground at a stem is found anew
 MARGIN_RAD: Final = 0.02  # of the window of bearings and of elevations
 UP_COSINE: Final = 0.6  # of the steepest layer, 52 degrees
 LEAST_AWAY_M: Final = 0.2
+LEAST_STEP_RAD: Final = 1e-5  # from ray to ray; no lidar has so fine ones
+LEAST_STEP_SHARE: Final = 0.1  # a vehicle that turns back nearly as fast as its lidar turns: its yaw is wrong
 EDGE_M: Final = 0.3  # a ray that went on by so much beside another passed the stem
 FRAMES_MAX: Final = 1024  # scans: longer ago than any ray of a stem in sight
 TURNS_KEPT: Final = 65536  # until their numbers begin anew: 1.8 hours
@@ -173,6 +175,8 @@ class RayCollector:
         yaw = first[2] + yawed / 2.0 + pose.turn_rad
         group = _Group(scan, axes_ned((first[0] + last[0]) / 2.0, (first[1] + last[1]) / 2.0, yaw))
         group.step = scan.step_rad + (yawed / (count - 1) if count > 1 else 0.0)
+        if abs(group.step) < LEAST_STEP_SHARE * abs(scan.step_rad):
+            group.step = scan.step_rad
         group.start = scan.start_rad - (yawed / 2.0 if count > 1 else 0.0)
         # The eye in the middle of the piece, corrected by what the turn has shown since
         age_s = scan.age_s - 0.5 * (count - 1) * scan.ray_time_s
@@ -330,7 +334,7 @@ class _Group:
         share = min(1.0, max(0.0, (elevation_rad - low) / rises)) if rises > 1e-6 else 0.5
         bearing = target.low_rad + share * math.remainder(target.high_rad - target.low_rad, math.tau)
         middle = self._index_of(bearing)
-        wide = target.half_rad / math.cos(elevation_rad) / abs(self.step)
+        wide = min(target.half_rad / max(1e-6, math.cos(elevation_rad)) / abs(self.step), 0.5 * self.around)
         return math.ceil(middle - wide), math.floor(middle + wide)
 
     def _index_of(self, bearing: float) -> float:
@@ -341,10 +345,10 @@ class _Group:
 
 def _is_finite(scan: LidarScan, pose: ScanPose) -> bool:
     """True unless a number of either is none."""
-    numbers = scan.age_s + scan.start_rad + scan.elevation_rad + pose.turn_rad + sum(pose.frame)
+    numbers = scan.age_s + scan.ray_time_s + scan.start_rad + scan.elevation_rad + pose.turn_rad + sum(pose.frame)
     for three in (pose.pos_ned_m, pose.vel_ned_mps, scan.first_attitude_rad, scan.last_attitude_rad):
         numbers += three[0] + three[1] + three[2]
-    return scan.step_rad != 0.0 and numbers - numbers == 0.0
+    return abs(scan.step_rad) > LEAST_STEP_RAD and numbers - numbers == 0.0
 
 
 def _level_m(stem: StemRays, pos_ned_m: Vec3) -> float:

@@ -69,7 +69,8 @@ class Cloud:
         `taper`: metres of diameter per metre of height. Of many rays every so many are taken.
         """
         rows = np.array(rays, dtype=np.float64).reshape(-1, COLUMNS)
-        rows = rows[:: 1 + (len(rows) - 1) // RAYS_TAKEN]
+        rows = rows[np.isfinite(rows).all(axis=1) & (rows[:, 6] > 0.0)]  # metres along a ray
+        rows = rows[:: 1 + max(0, len(rows) - 1) // RAYS_TAKEN]
         self.north, self.east, up, self.eye_n, self.eye_e, edge, along, self.scan = rows.T.copy()
         self._aim()
         self.up = up - cut_up_m
@@ -127,7 +128,10 @@ class Cloud:
         return Solution(state, linear)
 
     def _stepped(self, state: Floats, linear: Linear) -> Floats:
-        step = -np.linalg.solve(linear.normal, linear.gradient)
+        try:
+            step = -np.linalg.solve(linear.normal, linear.gradient)
+        except np.linalg.LinAlgError:  # singular: there is no fit, as its cost then says
+            return np.full_like(state, np.nan)
         state = state + np.clip(step, -STEP_MAX_M, STEP_MAX_M)
         state[2] = min(max(state[2], RADIUS_MIN_M), RADIUS_MAX_M)
         return state
@@ -218,6 +222,8 @@ class Solution:
             covariance = np.linalg.inv(linear.normal)
         except np.linalg.LinAlgError:
             return None
+        if not (np.isfinite(covariance).all() and (np.diag(covariance) > 0.0).all()):  # ill-conditioned
+            return None
         of_stem = np.abs(linear.off) < 3.0 * max(ROUGH_M, 1.4826 * float(np.median(np.abs(linear.off))))
         sectors = np.floor(linear.bearing[of_stem] * (SECTORS / math.tau)).astype(np.intp) % SECTORS
         occupied = np.count_nonzero(np.bincount(sectors, minlength=SECTORS) >= SECTOR_LEAST)
@@ -243,7 +249,7 @@ def _median(values: Floats) -> float:
 
 
 def _state_of(north_m: float, east_m: float, radius_m: float) -> Floats:
-    return np.array([north_m, east_m, radius_m, 0.0, 0.0, 0.0, 0.0])
+    return np.array([north_m, east_m, min(max(radius_m, RADIUS_MIN_M), RADIUS_MAX_M), 0.0, 0.0, 0.0, 0.0])
 
 
 def _cost_of(solution: Solution) -> float:
@@ -259,7 +265,10 @@ def _taubin(cloud: Cloud, otherwise: tuple[float, float, float]) -> tuple[float,
     if not level > 0.0 or len(n) < 3:
         return otherwise
     design = np.column_stack([(square - level) / (2.0 * math.sqrt(level)), n, e])
-    _, _, found = np.linalg.svd(design, full_matrices=False)
+    try:
+        _, _, found = np.linalg.svd(design, full_matrices=False)
+    except np.linalg.LinAlgError:
+        return otherwise
     first, second, third = found[2]
     lead = first / (2.0 * math.sqrt(level))
     if abs(lead) < 1e-9:

@@ -14,6 +14,7 @@ from companion.survey.grading import grade_fit
 from companion.survey.ground import GROUND_SD_M
 from companion.survey.observation import STEM_KIND, Grade, StemObservation, encode
 from companion.survey.rays import STEMS_MAX, Band, RayCollector
+from companion.survey.standing_vehicles import StandingVehicles
 from companion.survey.stem_fit import LEAST_RAYS, Floats, StemFit
 from companion.survey.stem_rays import StemRays
 from companion.survey.taper import Taper, is_at_breast_height
@@ -65,6 +66,8 @@ class Surveyor:
             band = Band(-LEVEL_BAND_M, LEVEL_BAND_M, by_eye=True)
         self.collector: Final = RayCollector(band, self._reach_m)
         self._passed: deque[StemRays] = deque(maxlen=QUEUE_MAX)  # the oldest go, unmeasured: a fit has no time limit
+        self._standing: Final = StandingVehicles()
+        self._hulls: set[StemRays] = set()  # stems beside which one stood while they were tracked
         self._waits_since_s: float | None = None
         self._corrections: Final = ScanCorrections()
         self._known: dict[StemRays, Floats] = {}  # states of stems in sight, as fitted with the last batch
@@ -87,6 +90,7 @@ class Surveyor:
         """Once a tick: kinds and bodies of records that are finished."""
         found: list[tuple[int, bytes]] = []
         if pose is not None:
+            self._standing.note(pose.standing_ne_m, now_s)
             self._follow_frame(pose, now_s)
             if pose.airborne and now_s - self._tracked_s >= TRACK_S:
                 self._tracked_s = now_s
@@ -120,6 +124,8 @@ class Surveyor:
         for stem in self.collector.stems:
             if now_s - stem.last_s <= TRACKED_S:
                 self._anchors[stem] = (self._anchors.get(stem, (anchor, anchor))[0], anchor)
+                if self._standing.is_near(stem.north_m, stem.east_m):  # then: the frames of the two drift apart
+                    self._hulls.add(stem)
 
     def _track_point(self, pose: ScanPose, now_s: float) -> TrackPoint:
         anchor = self._anchor_ne_m or (0.0, 0.0)
@@ -138,9 +144,10 @@ class Surveyor:
     def _fit_batch(self) -> Iterator[list[StemObservation]]:
         """Fits those that wait, step by step; the last step has what was measured."""
         done = frozenset(self._passed)
-        passed = [stem for stem in self._passed if stem.count >= LEAST_RAYS]
+        passed = [stem for stem in self._passed if stem.count >= LEAST_RAYS and self._may_be_tree(stem)]
         self._passed.clear()
-        context = [stem for stem in self.collector.stems if stem.count >= CONTEXT_RAYS][:CONTEXT_MAX]
+        in_sight = [stem for stem in self.collector.stems if stem.count >= CONTEXT_RAYS and self._may_be_tree(stem)]
+        context = in_sight[:CONTEXT_MAX]
         cuts = [self._cut_of(stem) for stem in (*passed, *context)]
         stems = [(stem, cut[0]) for stem, cut in zip((*passed, *context), cuts, strict=True)]
         frames, frame = self.collector.frames, self.collector.frame
@@ -148,14 +155,20 @@ class Surveyor:
         joint = JointFit(stems, self._lidar, self._taper.per_m, self._corrections, frames, frame, known)
         for _ in joint.steps():
             yield []
-        self._known = {stem: joint.state_of(len(passed) + k) for k, stem in enumerate(context)}
+        states = {stem: joint.state_of(len(passed) + k) for k, stem in enumerate(context)}
+        self._known = {stem: state for stem, state in states.items() if state is not None}
         measured = [
             self._observe_stem(stem, fit, cuts[k])
             for k, stem in enumerate(passed)
             if (fit := joint.fit_of(k)) is not None
         ]
+        self._hulls &= {*self.collector.stems, *self._passed}
         self._anchors = {stem: held for stem, held in self._anchors.items() if stem not in done}
         yield [observation for observation in measured if observation is not None]
+
+    def _may_be_tree(self, stem: StemRays) -> bool:
+        """False where a vehicle stands, or stood while the stem was in sight."""
+        return stem not in self._hulls and not self._standing.is_near(stem.north_m, stem.east_m)
 
     def _observe_stem(self, stem: StemRays, fit: StemFit, cut: tuple[float, float, float]) -> StemObservation | None:
         """A stem that was fitted; None: it is thinner than asked for, or nothing is known of it."""

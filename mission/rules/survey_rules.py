@@ -18,15 +18,19 @@ def conflicts(mission: MissionTables) -> Iterator[Conflict]:
     if mission.survey is None:
         return
     if mission.sensing is None:
-        yield conflict(mission, ("survey",), "needs [sensing] with a lidar that tells every ray (sensing.sensor)")
+        needed = f"missing; [survey] needs [sensing] with a lidar that tells every ray: sensor is one of {_classes()}"
+        yield Conflict((("sensing",), ("survey",)), "", needed)
     elif mission.sensing.sensor is SensorClass.SECTORS:
-        classes = ", ".join(f'"{kind}"' for kind in RAW_LIDARS)
         yield conflict(
             mission,
             ("sensing.sensor",),
             f"cannot be surveyed with: 72 sectors of 5 degrees tell how near a stem is, and no diameter. One of "
-            f"{classes} does; or leave [survey] out",
+            f"{_classes()} does; or leave [survey] out",
         )
+
+
+def _classes() -> str:
+    return ", ".join(f'"{kind}"' for kind in RAW_LIDARS)
 
 
 def cut_distances_m(mission: MissionTables) -> tuple[float, float] | None:

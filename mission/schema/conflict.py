@@ -14,12 +14,17 @@ from mission.schema.fields import Table
 class Conflict:
     """Fields that do not go together.
 
-    The first path is the one to blame, `value` what it holds, as shown; the message gives the others' values.
+    The first path is the one to blame, `value` what it holds, as shown, empty where it is missing; the message gives
+    the others' values.
     """
 
     paths: tuple[Path, ...]
     value: str
     message: str
+
+    def __str__(self) -> str:
+        subject = dotted(self.paths[0])
+        return f"{subject} = {self.value}: {self.message}" if self.value else f"{subject}: {self.message}"
 
 
 class ConflictError(ValueError):
@@ -27,7 +32,7 @@ class ConflictError(ValueError):
 
     def __init__(self, conflicts: tuple[Conflict, ...]) -> None:
         self.conflicts = conflicts
-        super().__init__("; ".join(f"{dotted(c.paths[0])} = {c.value}: {c.message}" for c in conflicts))
+        super().__init__("; ".join(map(str, conflicts)))
 
 
 def path_of(key: str) -> Path:

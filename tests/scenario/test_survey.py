@@ -106,3 +106,19 @@ def test_without_survey_nothing_is_recorded(tmp_path: Path) -> None:
     held, summary = records_of(mission_with(HANGING, surveys=False), tmp_path)
     assert held == []
     assert "stems_found" not in summary
+
+
+def test_a_vehicle_whose_companion_is_dead_is_recorded_as_no_stem(tmp_path: Path) -> None:
+    """It hovers in the way of the two others, at the height of their level lidars."""
+    trees = [(8.0, 6.0, 0.12), (14.0, -6.5, 0.2), (20.0, 6.5, 0.15), (27.0, -6.0, 0.15), (24.0, 0.6, 0.2)]
+    tables = mission_with({"sensor": "scan-0.5deg", "range_m": 12.0}).model_dump(mode="json", by_alias=True)
+    tables["forest"]["trees"] = [{"base_enu_m": [e, n], "trunk_radius_m": r, "height_m": 20.0} for e, n, r in trees]
+    tables["swarm"]["size"] = 3
+    tables["sim"]["seed"] = 1
+    tables["sim"]["faults"] = [{"kind": "kill", "vehicles": [1], "phase": "transit", "at_s": 8.0}]
+    records_of(Mission.model_validate(tables), tmp_path)
+    told = [decode(body, k) for k in (2, 3) for kind, body in records_in(tmp_path, k) if kind == STEM_KIND]
+    stems = [stem for stem in told if stem is not None]
+    assert len(stems) >= 3
+    for stem in stems:
+        assert min([math.hypot(stem.east_m - e, stem.north_m - n) for e, n, _ in trees]) < 1.2

@@ -34,8 +34,18 @@ def test_sectors_are_refused_since_they_tell_no_diameter() -> None:
 
 
 def test_a_survey_needs_a_sensor() -> None:
-    with pytest.raises(ValueError, match=r"survey.*needs \[sensing\]"):
+    with pytest.raises(ValueError, match=r"sensing: missing; \[survey\] needs \[sensing\]"):
         surveying(None)
+
+
+def test_mission_check_names_the_table_that_a_survey_lacks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "survey.toml"
+    file.write_text(FILE.format(sensing=""))
+    assert check.run([str(file)], as_json=False) != 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "sensing: missing; [survey] needs [sensing] with a lidar that tells every ray" in line
+    assert '"scan-0.5deg"' in line
+    assert "reach_m" not in line
 
 
 def test_a_hanging_lidar_of_layers_cuts_breast_height() -> None:

@@ -119,6 +119,7 @@ def watched(
         foreign_autopilots=frozenset(),
         sensors=SensorInputs((), 3, {}),
         records=None,
+        survey=None,
         agent=Agent(mission(), 3),
     )
     link: Any = SimpleNamespace(up=True, errors=0)
@@ -286,3 +287,15 @@ def test_how_far_the_records_are_is_logged_once_a_minute(watched: Watched) -> No
         counts["records heard of"] = now_s
         watch.log_changes(float(now_s), [])
     assert [line for line in lines() if line.startswith("records")] == ["records heard of 0", "records heard of 60"]
+
+
+def test_an_error_that_stopped_the_survey_is_logged_once(watched: Watched) -> None:
+    endpoint, _, watch, lines = watched
+    endpoint.survey = SimpleNamespace(error="")
+    watch.log_changes(1.0, [])
+    assert not [line for line in lines() if "survey" in line]
+    endpoint.survey.error = "ValueError: nothing to fit (surveyor.py:1 in take_records)"
+    watch.log_changes(2.0, [])
+    watch.log_changes(3.0, [])
+    stopped = [line for line in lines() if "survey" in line]
+    assert stopped == [f"survey stopped, the flight goes on: {endpoint.survey.error}"]

@@ -35,8 +35,16 @@ def turn_from(number: int, east_m: float) -> LidarScan:
     )
 
 
-def measured(*, up_m: float = 4.0, offset_ne_m: tuple[float, float] = (0.0, 0.0)) -> list[StemObservation | None]:
-    """Stems told after a flight past the one trunk, and a landing."""
+def measured(
+    *,
+    up_m: float = 4.0,
+    offset_ne_m: tuple[float, float] = (0.0, 0.0),
+    standing_ne_m: tuple[float, float] | None = None,
+    stands: range = range(60),
+    drift_m: float = 0.0,
+) -> list[StemObservation | None]:
+    """Stems told after a flight past the one trunk, and a landing. A vehicle `stands` in these turns, and its place
+    drifts from one to the next."""
     surveyor = Surveyor(flown(survey={}), 7)
     bodies: list[tuple[int, bytes]] = []
     for number in range(60):
@@ -51,6 +59,10 @@ def measured(*, up_m: float = 4.0, offset_ne_m: tuple[float, float] = (0.0, 0.0)
             airborne=True,
             frame=(0.0, 0.0, 0.0),
             trunks=[trunk_at(*AXIS, now_s)],
+            standing_ne_m=[
+                (n + drift_m * number, e)
+                for n, e in ([] if standing_ne_m is None or number not in stands else [standing_ne_m])
+            ],
         )
         surveyor.integrate(turn_from(number, east_m), pose, now_s)
         bodies += surveyor.take_records(pose, now_s)
@@ -84,5 +96,29 @@ def test_nothing_is_measured_below_the_fence() -> None:
     assert measured(up_m=1.9) == []
 
 
+@pytest.mark.parametrize("stands", [range(60), range(5), range(55, 60)], ids=["all along", "first", "last"])
+def test_where_a_vehicle_stands_in_the_air_no_stem_is_recorded(stands: range) -> None:
+    assert measured(standing_ne_m=(AXIS[0] + 0.9, AXIS[1] - 0.9), stands=stands) == []
+
+
+def test_a_place_that_drifts_off_was_there_while_the_stem_was_in_sight() -> None:
+    assert measured(standing_ne_m=(AXIS[0] + 0.9, AXIS[1] - 0.9), drift_m=0.05) == []
+
+
+def test_a_stem_two_metres_from_a_vehicle_that_stands_is_recorded() -> None:
+    assert len(measured(standing_ne_m=(AXIS[0] + 2.0, AXIS[1]))) == 1
+
+
 def test_the_kit_sees_one_trunk() -> None:
     assert 3 < sum(seen_m(k) < math.inf for k in range(360)) < 7
+
+
+def test_stems_of_too_few_rays_are_dropped_when_nothing_else_is_in_sight() -> None:
+    surveyor = Surveyor(flown(survey={}), 7)
+    for number in range(2):  # two turns: fewer rays than a fit needs
+        surveyor.integrate(turn_from(number, 0.0), pose_at(0.1 * number), 0.1 * number)
+    assert surveyor.collector.stems
+    for now_s in (0.3, 4.0, 11.0):  # in the air: not tracked for 3 s, then 6 s of waiting for others
+        for kind, _ in surveyor.take_records(pose_at(now_s, []), now_s):
+            assert kind != STEM_KIND
+    assert not surveyor.collector.stems

@@ -19,6 +19,7 @@ class ScanPose:
         "frame_sd_m",
         "pos_ned_m",
         "shift_ne_m",
+        "standing_ne_m",
         "to_mission_ne_m",
         "trunks",
         "turn_rad",
@@ -37,6 +38,7 @@ class ScanPose:
         airborne: bool,
         frame: tuple[float, float, float],
         trunks: Sequence[Trunk],
+        standing_ne_m: Sequence[tuple[float, float]] = (),
     ) -> None:
         self.pos_ned_m: Final = pos_ned_m  # corrected by trunks
         self.vel_ned_mps: Final = vel_ned_mps
@@ -46,4 +48,5 @@ class ScanPose:
         self.frame_sd_m: Final = frame_sd_m  # of that
         self.airborne: Final = airborne
         self.trunks: Final = trunks
+        self.standing_ne_m: Final = standing_ne_m  # where other vehicles stand in the air, level
         self.frame: Final = frame  # how the odometry's frame has been turned, see `ScanOdometry.frame`
