@@ -16,6 +16,7 @@ from typing import Final
 
 from companion.records.holdings import Holding
 from companion.records.record import BASE_ID, Draft, LogKey, Record, RecordKind
+from companion.records.store_file import APPLICATION_ID, foreign_reason
 
 RECORDS_MAX: Final = 200_000  # of a vehicle: two days of eight vehicles at one record in 7 s; about 60 MB
 BASE_RECORDS_MAX: Final = 5_000_000  # of the base station: about 1.5 GB
@@ -105,7 +106,7 @@ class RecordStore:
         records_max: int | None = None,
         is_synced: bool = True,
     ) -> None:
-        """`draw`: a random uint32. StoreError for a file that cannot be opened, or is damaged.
+        """`draw`: a random uint32. StoreError for a file that cannot be opened, is damaged, or is no store.
 
         `is_synced` False: of a vehicle that is simulated, as this computer's own power is not at stake.
         """
@@ -115,6 +116,9 @@ class RecordStore:
         self._max = records_max or (BASE_RECORDS_MAX if self._keeps_all else RECORDS_MAX)
         with contextlib.ExitStack() as opened:
             try:
+                why = "" if path == MEMORY else foreign_reason(Path(path))
+                if why:
+                    raise StoreError(why)
                 self._writing = opened.enter_context(contextlib.closing(_connect(path, is_synced)))
                 self._reading = self._writing
                 if path != MEMORY:
@@ -319,8 +323,10 @@ def _set_aside(path: Path) -> str:
 
 def _connect(path: Path | str, is_synced: bool) -> sqlite3.Connection:
     connection = sqlite3.connect(path, timeout=1.0, isolation_level=None, check_same_thread=False)
-    connection.execute("PRAGMA journal_mode = WAL")
     connection.execute(f"PRAGMA synchronous = {'FULL' if is_synced else 'OFF'}")
+    if connection.execute("PRAGMA application_id").fetchone() != (APPLICATION_ID,):
+        connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")  # in the file itself, before there is a WAL
+    connection.execute("PRAGMA journal_mode = WAL")
     return connection
 
 

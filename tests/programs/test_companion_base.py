@@ -134,7 +134,11 @@ def test_a_mission_that_does_not_survey_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("records", "why"),
-    [("none/base.db", "unable to open database file"), ("of_vehicle.db", "holds the records of vehicle 3")],
+    [
+        ("none/base.db", "unable to open database file"),
+        ("of_vehicle.db", "holds the records of vehicle 3"),
+        ("m.toml", "m.toml: is no store of records"),
+    ],
 )
 def test_a_file_that_it_cannot_use_is_refused_by_name(tmp_path: Path, records: str, why: str) -> None:
     (tmp_path / "m.toml").write_text(SURVEY)
@@ -148,5 +152,6 @@ def test_a_file_that_it_cannot_use_is_refused_by_name(tmp_path: Path, records: s
         check=False,
     )
     assert done.returncode == 3
+    assert (tmp_path / "m.toml").read_text() == SURVEY
     assert why in done.stderr
     assert "--records" in done.stderr
