@@ -212,6 +212,11 @@ class RecordExchange:
         """The records on this node's disk."""
         return self._store
 
+    @property
+    def unwritten(self) -> int:
+        """Own records that are not on the disk: those for which there was no room, and those that wait for it."""
+        return self._queue.refused + self._queue.waiting
+
     def counters(self) -> dict[str, int]:
         """Counts for the log, of this node."""
         progress = self.progress()
@@ -219,6 +224,7 @@ class RecordExchange:
             "records heard of": progress.made,
             "delivered": progress.delivered,
             "own ones lost": self._queue.refused,
+            "own ones waiting for the disk": self._queue.waiting,
             **self.dropped,
         }
 
