@@ -157,6 +157,15 @@ def test_a_file_of_another_vehicle_is_refused(tmp_path: Path, draw: Callable[[],
     assert [file.name for file in tmp_path.glob("*damaged*")] == []
 
 
+def test_a_file_of_another_mission_is_refused_and_may_be_read_by_any(tmp_path: Path, draw: Callable[[], int]) -> None:
+    RecordStore(tmp_path / "a.db", 1, draw).close()  # of before files had a mission: it becomes that of the first
+    open_store(tmp_path / "a.db", 1, draw, mission_hash=5)[0].close()
+    with pytest.raises(StoreError, match="holds the records of another mission"):
+        open_store(tmp_path / "a.db", 1, draw, mission_hash=6)
+    open_store(tmp_path / "a.db", 1, draw, mission_hash=5)[0].close()
+    RecordStore(tmp_path / "a.db", 1, draw).close()
+
+
 def test_a_folder_that_is_not_there_is_refused(tmp_path: Path, draw: Callable[[], int]) -> None:
     with pytest.raises(StoreError, match="unable to open"):
         open_store(tmp_path / "none" / "a.db", 1, draw)
