@@ -77,9 +77,12 @@ no companion left. |
 | `wall_time_s` | How long it took on your machine. |
 | `real_time_factor` | `sim_time_s` over the wall time of the flight itself, without the start of the companions. |
 | `records_made`, `records_delivered` | Of a mission [that surveys](../how-to/collect-records.md): records on the \
-disks of all vehicles, and of the base station. |
+disks of all vehicles with those that never came onto one, and on the base station's. |
 | `records_lost`, `records_waiting` | By vehicle: its own records that the base station lacks, where its companion \
 never came back, and where it runs. |
+| `records_unwritten` | By vehicle: its own records that never came onto its disk, because it was full or the \
+companion ended first. Companions that are processes say it in their logs alone (`own ones lost`, `own ones waiting \
+for the disk`): neither this figure nor `records_made` has theirs. |
 | `trace_hash` | SHA-256 over every vehicle's state and every beacon of every tick: equal hashes, equal flights. |
 | `flown_by`, `law`, `law_sha256`, `safety_filter` | Only where [not all was ours](../how-to/fly-your-own-law.md): \
 in words, as the verdict has it; the law's name; SHA-256 of its file, or null; whether there was a safety filter. |

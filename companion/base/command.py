@@ -43,7 +43,7 @@ def base(arguments: argparse.Namespace) -> int:
         except ValueError as error:
             return _refused(EXIT_BAD_FILE, f"companion: {error}")
         except StoreError as error:
-            return _refused(EXIT_ENVIRONMENT, f"companion: --records {printable(arguments.records)}: {error}")
+            return _refused(EXIT_ENVIRONMENT, f"companion: --records {printable(arguments.records, 200)}: {error}")
         except LinkError as error:
             return _refused(EXIT_ENVIRONMENT, f"companion: --listen {error}")
         station = BaseStation(records)

@@ -3674,33 +3674,34 @@ class MAVLink_swarm_record_vector_message(MAVLink_message):
 
     id = MAVLINK_MSG_ID_SWARM_RECORD_VECTOR
     msgname = "SWARM_RECORD_VECTOR"
-    fieldnames = ["base_epoch", "base_hops", "node_flags", "log_entries"]
-    ordered_fieldnames = ["base_epoch", "base_hops", "node_flags", "log_entries"]
-    fieldtypes = ["uint32_t", "uint8_t", "uint8_t", "uint8_t"]
+    fieldnames = ["base_epoch", "mission_hash", "base_hops", "node_flags", "log_entries"]
+    ordered_fieldnames = ["base_epoch", "mission_hash", "base_hops", "node_flags", "log_entries"]
+    fieldtypes = ["uint32_t", "uint32_t", "uint8_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
     fieldenums_by_name: Dict[str, str] = {}
     fieldunits_by_name: Dict[str, str] = {"base_epoch": "s"}
-    native_format = bytearray(b"<IBBB")
-    orders = [0, 1, 2, 3]
-    lengths = [1, 1, 1, 231]
-    array_lengths = [0, 0, 0, 231]
-    crc_extra = 136
-    unpacker = struct.Struct("<IBB231B")
+    native_format = bytearray(b"<IIBBB")
+    orders = [0, 1, 2, 3, 4]
+    lengths = [1, 1, 1, 1, 231]
+    array_lengths = [0, 0, 0, 0, 231]
+    crc_extra = 182
+    unpacker = struct.Struct("<IIBB231B")
     instance_field = None
     instance_offset = -1
 
-    def __init__(self, base_epoch: int, base_hops: int, node_flags: int, log_entries: Sequence[int]):
+    def __init__(self, base_epoch: int, mission_hash: int, base_hops: int, node_flags: int, log_entries: Sequence[int]):
         MAVLink_message.__init__(self, MAVLink_swarm_record_vector_message.id, MAVLink_swarm_record_vector_message.msgname)
         self._fieldnames = MAVLink_swarm_record_vector_message.fieldnames
         self._instance_field = MAVLink_swarm_record_vector_message.instance_field
         self._instance_offset = MAVLink_swarm_record_vector_message.instance_offset
         self.base_epoch = base_epoch
+        self.mission_hash = mission_hash
         self.base_hops = base_hops
         self.node_flags = node_flags
         self.log_entries = log_entries
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.base_epoch, self.base_hops, self.node_flags, self.log_entries[0], self.log_entries[1], self.log_entries[2], self.log_entries[3], self.log_entries[4], self.log_entries[5], self.log_entries[6], self.log_entries[7], self.log_entries[8], self.log_entries[9], self.log_entries[10], self.log_entries[11], self.log_entries[12], self.log_entries[13], self.log_entries[14], self.log_entries[15], self.log_entries[16], self.log_entries[17], self.log_entries[18], self.log_entries[19], self.log_entries[20], self.log_entries[21], self.log_entries[22], self.log_entries[23], self.log_entries[24], self.log_entries[25], self.log_entries[26], self.log_entries[27], self.log_entries[28], self.log_entries[29], self.log_entries[30], self.log_entries[31], self.log_entries[32], self.log_entries[33], self.log_entries[34], self.log_entries[35], self.log_entries[36], self.log_entries[37], self.log_entries[38], self.log_entries[39], self.log_entries[40], self.log_entries[41], self.log_entries[42], self.log_entries[43], self.log_entries[44], self.log_entries[45], self.log_entries[46], self.log_entries[47], self.log_entries[48], self.log_entries[49], self.log_entries[50], self.log_entries[51], self.log_entries[52], self.log_entries[53], self.log_entries[54], self.log_entries[55], self.log_entries[56], self.log_entries[57], self.log_entries[58], self.log_entries[59], self.log_entries[60], self.log_entries[61], self.log_entries[62], self.log_entries[63], self.log_entries[64], self.log_entries[65], self.log_entries[66], self.log_entries[67], self.log_entries[68], self.log_entries[69], self.log_entries[70], self.log_entries[71], self.log_entries[72], self.log_entries[73], self.log_entries[74], self.log_entries[75], self.log_entries[76], self.log_entries[77], self.log_entries[78], self.log_entries[79], self.log_entries[80], self.log_entries[81], self.log_entries[82], self.log_entries[83], self.log_entries[84], self.log_entries[85], self.log_entries[86], self.log_entries[87], self.log_entries[88], self.log_entries[89], self.log_entries[90], self.log_entries[91], self.log_entries[92], self.log_entries[93], self.log_entries[94], self.log_entries[95], self.log_entries[96], self.log_entries[97], self.log_entries[98], self.log_entries[99], self.log_entries[100], self.log_entries[101], self.log_entries[102], self.log_entries[103], self.log_entries[104], self.log_entries[105], self.log_entries[106], self.log_entries[107], self.log_entries[108], self.log_entries[109], self.log_entries[110], self.log_entries[111], self.log_entries[112], self.log_entries[113], self.log_entries[114], self.log_entries[115], self.log_entries[116], self.log_entries[117], self.log_entries[118], self.log_entries[119], self.log_entries[120], self.log_entries[121], self.log_entries[122], self.log_entries[123], self.log_entries[124], self.log_entries[125], self.log_entries[126], self.log_entries[127], self.log_entries[128], self.log_entries[129], self.log_entries[130], self.log_entries[131], self.log_entries[132], self.log_entries[133], self.log_entries[134], self.log_entries[135], self.log_entries[136], self.log_entries[137], self.log_entries[138], self.log_entries[139], self.log_entries[140], self.log_entries[141], self.log_entries[142], self.log_entries[143], self.log_entries[144], self.log_entries[145], self.log_entries[146], self.log_entries[147], self.log_entries[148], self.log_entries[149], self.log_entries[150], self.log_entries[151], self.log_entries[152], self.log_entries[153], self.log_entries[154], self.log_entries[155], self.log_entries[156], self.log_entries[157], self.log_entries[158], self.log_entries[159], self.log_entries[160], self.log_entries[161], self.log_entries[162], self.log_entries[163], self.log_entries[164], self.log_entries[165], self.log_entries[166], self.log_entries[167], self.log_entries[168], self.log_entries[169], self.log_entries[170], self.log_entries[171], self.log_entries[172], self.log_entries[173], self.log_entries[174], self.log_entries[175], self.log_entries[176], self.log_entries[177], self.log_entries[178], self.log_entries[179], self.log_entries[180], self.log_entries[181], self.log_entries[182], self.log_entries[183], self.log_entries[184], self.log_entries[185], self.log_entries[186], self.log_entries[187], self.log_entries[188], self.log_entries[189], self.log_entries[190], self.log_entries[191], self.log_entries[192], self.log_entries[193], self.log_entries[194], self.log_entries[195], self.log_entries[196], self.log_entries[197], self.log_entries[198], self.log_entries[199], self.log_entries[200], self.log_entries[201], self.log_entries[202], self.log_entries[203], self.log_entries[204], self.log_entries[205], self.log_entries[206], self.log_entries[207], self.log_entries[208], self.log_entries[209], self.log_entries[210], self.log_entries[211], self.log_entries[212], self.log_entries[213], self.log_entries[214], self.log_entries[215], self.log_entries[216], self.log_entries[217], self.log_entries[218], self.log_entries[219], self.log_entries[220], self.log_entries[221], self.log_entries[222], self.log_entries[223], self.log_entries[224], self.log_entries[225], self.log_entries[226], self.log_entries[227], self.log_entries[228], self.log_entries[229], self.log_entries[230]), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.base_epoch, self.mission_hash, self.base_hops, self.node_flags, self.log_entries[0], self.log_entries[1], self.log_entries[2], self.log_entries[3], self.log_entries[4], self.log_entries[5], self.log_entries[6], self.log_entries[7], self.log_entries[8], self.log_entries[9], self.log_entries[10], self.log_entries[11], self.log_entries[12], self.log_entries[13], self.log_entries[14], self.log_entries[15], self.log_entries[16], self.log_entries[17], self.log_entries[18], self.log_entries[19], self.log_entries[20], self.log_entries[21], self.log_entries[22], self.log_entries[23], self.log_entries[24], self.log_entries[25], self.log_entries[26], self.log_entries[27], self.log_entries[28], self.log_entries[29], self.log_entries[30], self.log_entries[31], self.log_entries[32], self.log_entries[33], self.log_entries[34], self.log_entries[35], self.log_entries[36], self.log_entries[37], self.log_entries[38], self.log_entries[39], self.log_entries[40], self.log_entries[41], self.log_entries[42], self.log_entries[43], self.log_entries[44], self.log_entries[45], self.log_entries[46], self.log_entries[47], self.log_entries[48], self.log_entries[49], self.log_entries[50], self.log_entries[51], self.log_entries[52], self.log_entries[53], self.log_entries[54], self.log_entries[55], self.log_entries[56], self.log_entries[57], self.log_entries[58], self.log_entries[59], self.log_entries[60], self.log_entries[61], self.log_entries[62], self.log_entries[63], self.log_entries[64], self.log_entries[65], self.log_entries[66], self.log_entries[67], self.log_entries[68], self.log_entries[69], self.log_entries[70], self.log_entries[71], self.log_entries[72], self.log_entries[73], self.log_entries[74], self.log_entries[75], self.log_entries[76], self.log_entries[77], self.log_entries[78], self.log_entries[79], self.log_entries[80], self.log_entries[81], self.log_entries[82], self.log_entries[83], self.log_entries[84], self.log_entries[85], self.log_entries[86], self.log_entries[87], self.log_entries[88], self.log_entries[89], self.log_entries[90], self.log_entries[91], self.log_entries[92], self.log_entries[93], self.log_entries[94], self.log_entries[95], self.log_entries[96], self.log_entries[97], self.log_entries[98], self.log_entries[99], self.log_entries[100], self.log_entries[101], self.log_entries[102], self.log_entries[103], self.log_entries[104], self.log_entries[105], self.log_entries[106], self.log_entries[107], self.log_entries[108], self.log_entries[109], self.log_entries[110], self.log_entries[111], self.log_entries[112], self.log_entries[113], self.log_entries[114], self.log_entries[115], self.log_entries[116], self.log_entries[117], self.log_entries[118], self.log_entries[119], self.log_entries[120], self.log_entries[121], self.log_entries[122], self.log_entries[123], self.log_entries[124], self.log_entries[125], self.log_entries[126], self.log_entries[127], self.log_entries[128], self.log_entries[129], self.log_entries[130], self.log_entries[131], self.log_entries[132], self.log_entries[133], self.log_entries[134], self.log_entries[135], self.log_entries[136], self.log_entries[137], self.log_entries[138], self.log_entries[139], self.log_entries[140], self.log_entries[141], self.log_entries[142], self.log_entries[143], self.log_entries[144], self.log_entries[145], self.log_entries[146], self.log_entries[147], self.log_entries[148], self.log_entries[149], self.log_entries[150], self.log_entries[151], self.log_entries[152], self.log_entries[153], self.log_entries[154], self.log_entries[155], self.log_entries[156], self.log_entries[157], self.log_entries[158], self.log_entries[159], self.log_entries[160], self.log_entries[161], self.log_entries[162], self.log_entries[163], self.log_entries[164], self.log_entries[165], self.log_entries[166], self.log_entries[167], self.log_entries[168], self.log_entries[169], self.log_entries[170], self.log_entries[171], self.log_entries[172], self.log_entries[173], self.log_entries[174], self.log_entries[175], self.log_entries[176], self.log_entries[177], self.log_entries[178], self.log_entries[179], self.log_entries[180], self.log_entries[181], self.log_entries[182], self.log_entries[183], self.log_entries[184], self.log_entries[185], self.log_entries[186], self.log_entries[187], self.log_entries[188], self.log_entries[189], self.log_entries[190], self.log_entries[191], self.log_entries[192], self.log_entries[193], self.log_entries[194], self.log_entries[195], self.log_entries[196], self.log_entries[197], self.log_entries[198], self.log_entries[199], self.log_entries[200], self.log_entries[201], self.log_entries[202], self.log_entries[203], self.log_entries[204], self.log_entries[205], self.log_entries[206], self.log_entries[207], self.log_entries[208], self.log_entries[209], self.log_entries[210], self.log_entries[211], self.log_entries[212], self.log_entries[213], self.log_entries[214], self.log_entries[215], self.log_entries[216], self.log_entries[217], self.log_entries[218], self.log_entries[219], self.log_entries[220], self.log_entries[221], self.log_entries[222], self.log_entries[223], self.log_entries[224], self.log_entries[225], self.log_entries[226], self.log_entries[227], self.log_entries[228], self.log_entries[229], self.log_entries[230]), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -6090,7 +6091,7 @@ class MAVLink(object):
         """
         self.send(self.swarm_lidar_scan_encode(time_usec, ray_time, first_bearing, bearing_step, ray_elevation, near_cm, far_cm, turn_number, ranges_mm), force_mavlink1=force_mavlink1)
 
-    def swarm_record_vector_encode(self, base_epoch: int, base_hops: int, node_flags: int, log_entries: Sequence[int]) -> MAVLink_swarm_record_vector_message:
+    def swarm_record_vector_encode(self, base_epoch: int, mission_hash: int, base_hops: int, node_flags: int, log_entries: Sequence[int]) -> MAVLink_swarm_record_vector_message:
         """
         The records that a vehicle or the base station has, log by log, and
         what it knows to be at the base station: once a second, in as
@@ -6098,14 +6099,15 @@ class MAVLink(object):
         what is missing.
 
         base_epoch                : When the base station's file was made, UTC: what is acknowledged is in that file. A later one stands for all before it. 0: no base station was heard of. [s] (type:uint32_t)
+        mission_hash              : Of the mission's name and origin, the first 4 bytes of SHA-256: vectors of another mission are ignored. (type:uint32_t)
         base_hops                 : To the base station: 0 from itself, UINT8_MAX: it is not heard. (type:uint8_t)
         node_flags                : 1: the sender is the base station. 2: it has no room for more records. (type:uint8_t)
         log_entries               : Groups of 21 bytes, numbers low byte first: system id of the log's writer (0: no more groups); log id, 4 bytes; the number up to which nothing is missing, 3; the number at which the bitmap begins, 3; the highest number that the sender has, 3; the number up to which the base station has all, 3; bitmap, 4: bit k set, number (beginning + 1 + k) is there. (type:uint8_t)
 
         """
-        return MAVLink_swarm_record_vector_message(base_epoch, base_hops, node_flags, log_entries)
+        return MAVLink_swarm_record_vector_message(base_epoch, mission_hash, base_hops, node_flags, log_entries)
 
-    def swarm_record_vector_send(self, base_epoch: int, base_hops: int, node_flags: int, log_entries: Sequence[int], force_mavlink1: bool = False) -> None:
+    def swarm_record_vector_send(self, base_epoch: int, mission_hash: int, base_hops: int, node_flags: int, log_entries: Sequence[int], force_mavlink1: bool = False) -> None:
         """
         The records that a vehicle or the base station has, log by log, and
         what it knows to be at the base station: once a second, in as
@@ -6113,12 +6115,13 @@ class MAVLink(object):
         what is missing.
 
         base_epoch                : When the base station's file was made, UTC: what is acknowledged is in that file. A later one stands for all before it. 0: no base station was heard of. [s] (type:uint32_t)
+        mission_hash              : Of the mission's name and origin, the first 4 bytes of SHA-256: vectors of another mission are ignored. (type:uint32_t)
         base_hops                 : To the base station: 0 from itself, UINT8_MAX: it is not heard. (type:uint8_t)
         node_flags                : 1: the sender is the base station. 2: it has no room for more records. (type:uint8_t)
         log_entries               : Groups of 21 bytes, numbers low byte first: system id of the log's writer (0: no more groups); log id, 4 bytes; the number up to which nothing is missing, 3; the number at which the bitmap begins, 3; the highest number that the sender has, 3; the number up to which the base station has all, 3; bitmap, 4: bit k set, number (beginning + 1 + k) is there. (type:uint8_t)
 
         """
-        self.send(self.swarm_record_vector_encode(base_epoch, base_hops, node_flags, log_entries), force_mavlink1=force_mavlink1)
+        self.send(self.swarm_record_vector_encode(base_epoch, mission_hash, base_hops, node_flags, log_entries), force_mavlink1=force_mavlink1)
 
     def swarm_record_encode(self, made_usec: int, log_id: int, log_number: int, log_writer: int, record_kind: int, body_size: int, record_body: Sequence[int]) -> MAVLink_swarm_record_message:
         """

@@ -31,6 +31,8 @@ from companion.records.record import BASE_ID, BODY_MAX, NUMBER_MAX, Entry, LogKe
 from companion.records.store import RecordStore, Written
 from companion.records.write_queue import RecordWriter, WriteQueue
 
+DROPPED: Final = ("of unknown vehicles", "conflicting", "of too many logs")
+FOREIGN: Final = "of another mission"
 VECTOR_S: Final = 1.0  # between a vehicle's vectors; nobody hears more of one's progress
 BASE_VECTOR_S: Final = 0.5  # the base station's: what it has heard is not sent again
 PLAN_S: Final = 0.25  # how long a plan holds
@@ -64,10 +66,15 @@ class RecordExchange:
         bit_rate_kbps: float,
         *,
         epoch: int = 0,
+        mission_hash: int = 0,
     ) -> None:
-        """`members`: number of vehicles of the swarm; others are not heard. `epoch`: of the base station's file."""
+        """`members`: number of vehicles of the swarm; others are not heard. `epoch`: of the base station's file.
+
+        `mission_hash`: vectors of another mission are not heard, nor records of logs that none of this one told of.
+        """
         self.gate = Gate(takes_signed=False)  # by radio: a signature that is not read proves nothing
-        self.dropped: Final = dict.fromkeys(("of unknown vehicles", "conflicting", "of too many logs"), 0)
+        self.dropped: Final = dict.fromkeys((*DROPPED, FOREIGN), 0)
+        self._mission_hash = mission_hash
         self._store = store
         self._queue = WriteQueue(writer, keeps_own=me != BASE_ID)
         self._me, self._members = me, members
@@ -109,6 +116,10 @@ class RecordExchange:
             self.dropped["of unknown vehicles"] += 1
         elif record is not None:
             self._receive_record(record, now_s)
+        elif vector is not None and vector.mission_hash != self._mission_hash:
+            if not self.dropped[FOREIGN]:
+                self._queue.lines.append("records: ignored: vehicles of another mission")
+            self.dropped[FOREIGN] += 1
         elif vector is not None and vector.is_base == (sender == BASE_ID):
             self._receive_vector(sender, vector, now_s)
         return True
@@ -116,8 +127,10 @@ class RecordExchange:
     def _receive_record(self, record: Record, now_s: float) -> None:
         key = record.key
         self._peers.note_aired(key, record.number, now_s)
-        if not self._knows(key):
-            return
+        if not 1 <= key.vehicle_id <= self._members:
+            self.dropped["of unknown vehicles"] += 1
+        if key not in self._holdings:
+            return  # no vector told of it: it may be another mission's. Nobody sends it for this node yet
         self._note_known(key, record.number)
         if key == self._own:
             return  # nobody else writes here
@@ -212,6 +225,11 @@ class RecordExchange:
         """The records on this node's disk."""
         return self._store
 
+    @property
+    def unwritten(self) -> int:
+        """Own records that are not on the disk: those for which there was no room, and those that wait for it."""
+        return self._queue.refused + self._queue.waiting
+
     def counters(self) -> dict[str, int]:
         """Counts for the log, of this node."""
         progress = self.progress()
@@ -219,6 +237,7 @@ class RecordExchange:
             "records heard of": progress.made,
             "delivered": progress.delivered,
             "own ones lost": self._queue.refused,
+            "own ones waiting for the disk": self._queue.waiting,
             **self.dropped,
         }
 
@@ -298,11 +317,12 @@ class RecordExchange:
                     self._is_base,
                     self._queue.is_full(now_s),
                     tuple(entries[at : at + ENTRIES_MAX]),
+                    self._mission_hash,
                 )
             )
             for at in range(0, len(entries), ENTRIES_MAX)
         ]
-        return payloads or [encode_vector(Vector(self._epoch, hops, self._is_base, False, ()))]
+        return payloads or [encode_vector(Vector(self._epoch, hops, self._is_base, False, (), self._mission_hash))]
 
     def _entry(self, key: LogKey, holding: Holding) -> Entry:
         window = holding.advance_window(self._known[key])

@@ -40,7 +40,7 @@ def encode_vector(vector: Vector) -> bytes:
         _ENTRY.pack(*entry.key, *map(_three_bytes, (entry.upto, entry.window, entry.last, entry.acked)), entry.bits)
         for entry in vector.entries[:ENTRIES_MAX]
     )
-    return _VECTOR.pack(vector.base_epoch, vector.hops, flags, entries)
+    return _VECTOR.pack(vector.base_epoch, vector.mission_hash, vector.hops, flags, entries)
 
 
 def is_record_frame(frame: bytes) -> bool:
@@ -66,7 +66,7 @@ def read_vector(frame: bytes) -> Vector | None:
     payload = payload_of(frame, _VECTOR_BYTES, _VECTOR_EXTRA, _VECTOR.size)
     if payload is None:
         return None
-    epoch, hops, flags, packed = _VECTOR.unpack(payload)
+    epoch, mission_hash, hops, flags, packed = _VECTOR.unpack(payload)
     entries: list[Entry] = []
     for vehicle_id, log_id, *numbers, bits in _ENTRY.iter_unpack(packed):
         if vehicle_id == 0:
@@ -75,7 +75,7 @@ def read_vector(frame: bytes) -> Vector | None:
         if vehicle_id > VEHICLE_MAX or window < upto or window + BITMAP > NUMBER_MAX:
             return None
         entries.append(Entry(LogKey(vehicle_id, log_id), upto, window, last, acked, bits))
-    return Vector(epoch, hops, flags & _BASE != 0, flags & _FULL != 0, tuple(entries))
+    return Vector(epoch, hops, flags & _BASE != 0, flags & _FULL != 0, tuple(entries), mission_hash)
 
 
 def _three_bytes(number: int) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
@@ -33,11 +34,13 @@ def open_records(
         if path is None:
             store = RecordStore(MEMORY, me, draw)
         else:
-            store, said = open_store(path, me, draw, is_synced=is_synced)
+            store, said = open_store(path, me, draw, is_synced=is_synced, mission_hash=mission_hash(mission))
     except StoreError as error:
         store = RecordStore(MEMORY, me, draw)
         said = f"{error}: in memory"
-    exchange = RecordExchange(store, writer(store), me, mission.swarm.size, bit_rate_kbps(mission))
+    exchange = RecordExchange(
+        *(store, writer(store), me, mission.swarm.size, bit_rate_kbps(mission)), mission_hash=mission_hash(mission)
+    )
     if said:
         exchange.note_line(f"records: {said}")
     return exchange
@@ -50,14 +53,22 @@ def open_base(
     if path is None:
         store, said = RecordStore(MEMORY, BASE_ID, draw), ""
     else:
-        store, said = open_store(path, BASE_ID, draw, is_synced=is_synced)
+        store, said = open_store(path, BASE_ID, draw, is_synced=is_synced, mission_hash=mission_hash(mission))
     epoch = store.made(made_s)
     exchange = RecordExchange(
-        store, DirectWriter(store), BASE_ID, mission.swarm.size, bit_rate_kbps(mission), epoch=epoch
+        *(store, DirectWriter(store), BASE_ID, mission.swarm.size, bit_rate_kbps(mission)),
+        epoch=epoch,
+        mission_hash=mission_hash(mission),
     )
     if said:
         exchange.note_line(f"records: {said}")
     return exchange
+
+
+def mission_hash(mission: Mission) -> int:
+    """Tells its records from another mission's: 32 bits of its name and origin."""
+    frame = f"{mission.name}\n{mission.origin}".encode()
+    return int.from_bytes(hashlib.sha256(frame).digest()[:4], "big")
 
 
 def bit_rate_kbps(mission: Mission) -> float:

@@ -74,3 +74,4 @@ class Vector:
     is_base: bool
     is_full: bool  # has no room for more
     entries: tuple[Entry, ...]
+    mission_hash: int = 0  # of the sender's mission; 0: of none

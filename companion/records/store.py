@@ -16,6 +16,7 @@ from typing import Final
 
 from companion.records.holdings import Holding
 from companion.records.record import BASE_ID, Draft, LogKey, Record, RecordKind
+from companion.records.store_file import APPLICATION_ID, foreign_reason
 
 RECORDS_MAX: Final = 200_000  # of a vehicle: two days of eight vehicles at one record in 7 s; about 60 MB
 BASE_RECORDS_MAX: Final = 5_000_000  # of the base station: about 1.5 GB
@@ -104,17 +105,23 @@ class RecordStore:
         *,
         records_max: int | None = None,
         is_synced: bool = True,
+        mission_hash: int | None = None,
     ) -> None:
-        """`draw`: a random uint32. StoreError for a file that cannot be opened, or is damaged.
+        """`draw`: a random uint32. StoreError for a file that cannot be opened, is damaged, or is no store.
 
         `is_synced` False: of a vehicle that is simulated, as this computer's own power is not at stake.
+        `mission_hash`: of the mission whose records alone belong here; None: of any, to read them.
         """
         self._me = me
         self._draw = draw
+        self._mission_hash = mission_hash
         self._keeps_all = me == BASE_ID
         self._max = records_max or (BASE_RECORDS_MAX if self._keeps_all else RECORDS_MAX)
         with contextlib.ExitStack() as opened:
             try:
+                why = "" if path == MEMORY else foreign_reason(Path(path))
+                if why:
+                    raise StoreError(why)
                 self._writing = opened.enter_context(contextlib.closing(_connect(path, is_synced)))
                 self._reading = self._writing
                 if path != MEMORY:
@@ -136,6 +143,9 @@ class RecordStore:
             me = self._meta("vehicle_id", self._me)
             if me != self._me:
                 raise StoreError(f"holds the records of vehicle {me}, not {self._me}")
+            mission_hash = self._mission_hash
+            if mission_hash is not None and self._meta("mission_hash", mission_hash) != mission_hash:
+                raise StoreError("holds the records of another mission")
             self.own_log = LogKey(self._me, self._meta("own_log", self._draw()))
         if self._writing.execute("PRAGMA quick_check(1)").fetchone() != ("ok",):
             raise ValueError("damaged")
@@ -290,16 +300,19 @@ class RecordStore:
             raise
 
 
-def open_store(path: Path, me: int, draw: Callable[[], int], *, is_synced: bool = True) -> tuple[RecordStore, str]:
+def open_store(
+    path: Path, me: int, draw: Callable[[], int], *, is_synced: bool = True, mission_hash: int | None = None
+) -> tuple[RecordStore, str]:
     """The store in `path`, and a line where a damaged file was set aside for it. StoreError where there can be none."""
     try:
-        return RecordStore(path, me, draw, is_synced=is_synced), ""
+        return RecordStore(path, me, draw, is_synced=is_synced, mission_hash=mission_hash), ""
     except StoreError as error:
         if not error.is_damaged:
             raise
     try:
         aside = _set_aside(path)
-        return RecordStore(path, me, draw, is_synced=is_synced), f"{path.name} was damaged: set aside as {aside}"
+        store = RecordStore(path, me, draw, is_synced=is_synced, mission_hash=mission_hash)
+        return store, f"{path.name} was damaged: set aside as {aside}"
     except OSError as error:
         raise StoreError(_reason(error)) from error
 
@@ -319,8 +332,10 @@ def _set_aside(path: Path) -> str:
 
 def _connect(path: Path | str, is_synced: bool) -> sqlite3.Connection:
     connection = sqlite3.connect(path, timeout=1.0, isolation_level=None, check_same_thread=False)
-    connection.execute("PRAGMA journal_mode = WAL")
     connection.execute(f"PRAGMA synchronous = {'FULL' if is_synced else 'OFF'}")
+    if connection.execute("PRAGMA application_id").fetchone() != (APPLICATION_ID,):
+        connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")  # in the file itself, before there is a WAL
+    connection.execute("PRAGMA journal_mode = WAL")
     return connection
 
 

@@ -65,6 +65,11 @@ class WriteQueue:
         self._write_s = self._full_until_s = float("-inf")
         self._is_failing = self._is_full = False
 
+    @property
+    def waiting(self) -> int:
+        """Own records in memory that are not known to be on the disk yet."""
+        return len(self._drafts)
+
     def add_own(self, kind: RecordKind, body: bytes, now_s: float) -> None:
         """One more record of this vehicle's."""
         if len(self._drafts) < DRAFTS_MAX:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import secrets
 from contextlib import ExitStack
 from pathlib import Path
 
 from companion.records.exchange import RecordExchange
-from companion.records.node import open_records
+from companion.records.node import mission_hash, open_records
 from companion.records.store import RecordStore
 from companion.records.write_queue import DirectWriter, RecordWriter
 from companion.shell.record_writer import ThreadedWriter
@@ -46,7 +45,6 @@ def records_path(given: str | None, log: str | None, mission: Mission, vehicle_i
     """
     if given is not None:
         return Path(given)
-    frame = f"{mission.name}\n{mission.origin}".encode()
-    name = f"records-{vehicle_id}-{hashlib.sha256(frame).hexdigest()[:8]}.db"
+    name = f"records-{vehicle_id}-{mission_hash(mission):08x}.db"
     folder = Path(log).parent if log is not None else Path(os.environ.get(STATE, "."))
     return folder / name

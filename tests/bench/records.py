@@ -81,7 +81,7 @@ class Delivery:
 
     made: int
     delivered: int
-    lost: int  # with vehicles that never came back: named by the flight
+    lost: int  # with vehicles that never came back, or before they were on a disk: named by the flight
     waiting: int
     duplicates: int
     last_s: float  # from the last record that was made to the last that came
@@ -98,7 +98,7 @@ class Delivery:
         return cls(
             figures["records_made"],
             figures["records_delivered"],
-            sum(figures["records_lost"].values()),
+            sum(figures["records_lost"].values()) + sum(figures["records_unwritten"].values()),
             sum(figures["records_waiting"].values()),
             len(bodies) - len(set(bodies)),
             max(0.0, maker.delivered_s - maker.made_s),

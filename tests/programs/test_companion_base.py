@@ -14,9 +14,11 @@ import pytest
 from companion.mavlink.beacon import COMPONENT
 from companion.mavlink.framing import wire
 from companion.records.exchange import RecordExchange
+from companion.records.node import mission_hash
 from companion.records.record import BASE_ID, RecordKind
 from companion.records.store import MEMORY, RecordStore
 from companion.records.write_queue import DirectWriter
+from mission.document.load import parse_mission
 from tests.programs.companion_kit import MISSION
 
 LIMIT_S = 60.0
@@ -28,7 +30,9 @@ class Vehicle:
 
     def __init__(self, port: int, *, log: int = 9) -> None:
         store = RecordStore(MEMORY, 1, lambda: log)
-        self.records = RecordExchange(store, DirectWriter(store), 1, 2, 1000.0)
+        self.records = RecordExchange(
+            *(store, DirectWriter(store), 1, 2, 1000.0), mission_hash=mission_hash(parse_mission(SURVEY))
+        )
         self._sender = wire.Sender(1, COMPONENT)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.connect(("127.0.0.1", port))
@@ -134,11 +138,17 @@ def test_a_mission_that_does_not_survey_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("records", "why"),
-    [("none/base.db", "unable to open database file"), ("of_vehicle.db", "holds the records of vehicle 3")],
+    [
+        ("none/base.db", "unable to open database file"),
+        ("of_vehicle.db", "holds the records of vehicle 3"),
+        ("of_another.db", "of_another.db: holds the records of another mission"),
+        ("m.toml", "m.toml: is no store of records"),
+    ],
 )
 def test_a_file_that_it_cannot_use_is_refused_by_name(tmp_path: Path, records: str, why: str) -> None:
     (tmp_path / "m.toml").write_text(SURVEY)
     RecordStore(tmp_path / "of_vehicle.db", 3, lambda: 1).close()
+    RecordStore(tmp_path / "of_another.db", BASE_ID, lambda: 1, mission_hash=77).close()
     options = ["--listen", f"udpin://127.0.0.1:{free_port()}", "--records", str(tmp_path / records)]
     done = subprocess.run(
         [sys.executable, "-m", "companion", "base", str(tmp_path / "m.toml"), *options],
@@ -148,5 +158,6 @@ def test_a_file_that_it_cannot_use_is_refused_by_name(tmp_path: Path, records: s
         check=False,
     )
     assert done.returncode == 3
+    assert (tmp_path / "m.toml").read_text() == SURVEY
     assert why in done.stderr
     assert "--records" in done.stderr

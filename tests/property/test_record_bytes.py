@@ -45,8 +45,9 @@ def test_any_valid_frames_leave_the_own_log_as_it_is(frames: list[tuple[int, byt
     one = node(1)
     base = BaseStation(node(BASE_ID))
     for k, (message_id, payload, sender) in enumerate(frames):
-        size = 237 if message_id == VECTOR_ID else 255
-        frame = wire.frame(message_id, payload[:size], seq=k, system=sender, component=COMPONENT)
+        if message_id == VECTOR_ID:
+            payload = payload[:4] + bytes(4) + payload[4:237]  # of this mission: another's would be ignored
+        frame = wire.frame(message_id, payload, seq=k, system=sender, component=COMPONENT)
         one.receive(frame, float(k))
         one.frames(float(k), 0)
         one.lines()

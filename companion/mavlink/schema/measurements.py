@@ -184,6 +184,11 @@ RECORD_VECTOR: Final = Message(
             "all before it. 0: no base station was heard of.",
             unit="s",
         ),
+        field(
+            "mission_hash",
+            "uint32_t",
+            "Of the mission's name and origin, the first 4 bytes of SHA-256: vectors of another mission are ignored.",
+        ),
         field("base_hops", "uint8_t", "To the base station: 0 from itself, UINT8_MAX: it is not heard."),
         field("node_flags", "uint8_t", "1: the sender is the base station. 2: it has no room for more records."),
         field(

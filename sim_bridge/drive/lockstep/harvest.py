@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -66,6 +67,7 @@ class Harvest:
         self._folder = folder
         self._rng = np.random.default_rng([mission.sim.seed, 0x4A8E57])
         self._links: Final = dict[int, RecordExchange]()
+        self._unwritten: Final = Counter[int]()  # by vehicle, of companions that have ended and were started again
         path = None if folder is None else folder / BASE_FILE
         self.base: Final = BaseStation(open_base(mission, path, self._draw, made_s=BASE_MADE_S, is_synced=False))
         self._pos_ned_m = base_place(mission, stand)
@@ -106,8 +108,10 @@ class Harvest:
         if path is not None:
             path.parent.mkdir(exist_ok=True)
         before = self._links.get(vehicle_id)
-        if before is not None and path is not None:
-            before.store.close()
+        if before is not None:
+            self._unwritten[vehicle_id] += before.unwritten
+            if path is not None:
+                before.store.close()
         self._links[vehicle_id] = link = open_records(
             self._mission,
             vehicle_id,
@@ -139,7 +143,10 @@ class Harvest:
         return waited_s > (COMPLETE_S if is_complete else PATIENCE_S) or now_s - self._over_s > PATIENCE_MAX_S
 
     def figures(self, alive: Collection[int]) -> dict[str, Any]:
-        """Records made and delivered, by what is on all disks now. `alive`: vehicles whose companions still run."""
+        """Records made and delivered, by what is on all disks now, and by what never came onto one.
+
+        `alive`: vehicles whose companions still run. Processes tell only their logs what was not written.
+        """
         at_base = {key: holding.count for key, holding in self.base.records.store.holdings().items()}
         made = self._made()
         lacking: dict[int, int] = {}
@@ -147,11 +154,13 @@ class Harvest:
             lost = count - at_base.get(key, 0)
             if lost > 0:
                 lacking[key.vehicle_id] = lacking.get(key.vehicle_id, 0) + lost
+        unwritten = self._unwritten + Counter({k: link.unwritten for k, link in self._links.items()})
         return {
-            "records_made": sum(made.values()),
+            "records_made": sum(made.values()) + unwritten.total(),
             "records_delivered": sum(at_base.values()),
             "records_lost": {str(k): count for k, count in sorted(lacking.items()) if k not in alive},
             "records_waiting": {str(k): count for k, count in sorted(lacking.items()) if k in alive},
+            "records_unwritten": {str(k): count for k, count in sorted(unwritten.items())},
         }
 
     def _made(self) -> dict[LogKey, int]:
@@ -205,4 +214,6 @@ def describe_records(figures: Mapping[str, Any]) -> list[str]:
         lines.append(f"records lost with vehicle {vehicle_id}, which never came back: {count}")
     for vehicle_id, count in figures["records_waiting"].items():
         lines.append(f"records still on vehicle {vehicle_id}, out of reach of the base station: {count}")
+    for vehicle_id, count in figures["records_unwritten"].items():
+        lines.append(f"records not written by vehicle {vehicle_id}, whose disk was full or companion ended: {count}")
     return lines

@@ -18,6 +18,7 @@ from sim_bridge.drive.links.ports import LOOPBACK, Address
 from sim_bridge.drive.serve.server import Ports
 from sim_bridge.world.sensors.table import link_name
 
+BASE_RECORDS = "records.db"  # where the command is given
 TAKEOFF_NOTES = {
     Personality.PX4: "PX4: takeoff altitudes are above sea level",
     Personality.ARDUPILOT: "ArduPilot: takeoff altitudes are above home; it can be armed after about 42 s",
@@ -53,6 +54,7 @@ def where(mission: Mission, mission_file: Path, ports: Ports, speed: float) -> d
             "mavproxy": f"--master=udpout:{LOOPBACK}:{port(ports.ground)}",
         },
         "radio": {"port": port(ports.radio)},
+        "base": None if mission.survey is None else _base(mission_file, url(ports.radio)),
         "sensor": sensor,
         "vehicles": [
             {
@@ -95,6 +97,7 @@ def table(where: Mapping[str, Any], push: Address | None) -> str:
         "companions, each in a shell of its own:",
         *(f"  {shlex.join(v['companion'])}" for v in vehicles),
         "",
+        *_base_station(where["base"]),
         "they wait for an operator; from MAVProxy on the ground side, for one of them (it tells the others):",
         "  set target_component 191",
         "  long MISSION_START 0 0 0 0 0 0 0",
@@ -102,6 +105,12 @@ def table(where: Mapping[str, Any], push: Address | None) -> str:
         *(TAKEOFF_NOTES[Personality(name)] for name in sorted({v["personality"] for v in vehicles}, reverse=True)),
     ]
     return "\n".join(lines)
+
+
+def _base_station(command: Sequence[str] | None) -> list[str]:
+    if command is None:
+        return []
+    return ["the base station, which collects their records:", f"  {shlex.join(command)}", ""]
 
 
 def _drivers(vehicles: Sequence[Mapping[str, Any]], sensor: str) -> list[str]:
@@ -113,6 +122,10 @@ def _drivers(vehicles: Sequence[Mapping[str, Any]], sensor: str) -> list[str]:
         *ports,
         "",
     ]
+
+
+def _base(mission_file: Path, radio: str) -> list[str]:
+    return [_program("companion"), "base", str(mission_file), "--listen", radio, "--records", BASE_RECORDS]
 
 
 def _program(name: str) -> str:

@@ -42,12 +42,15 @@ class Air:
         records_max: int | None = None,
         writer: Callable[[RecordStore], RecordWriter] = DirectWriter,
         epoch: int = 1,
+        mission_hash: int = 0,
     ) -> RecordExchange:
         """A node starts, or starts again, with its file as it is."""
         store = RecordStore(self._folder / f"{me}.db", me, lambda: next(self._logs), records_max=records_max)
         if me == BASE_ID:
             epoch = store.made(epoch)
-        self.nodes[me] = RecordExchange(store, writer(store), me, self._members, self._rate_kbps, epoch=epoch)
+        self.nodes[me] = RecordExchange(
+            *(store, writer(store), me, self._members, self._rate_kbps), epoch=epoch, mission_hash=mission_hash
+        )
         self._senders[me] = wire.Sender(me, COMPONENT)
         return self.nodes[me]
 

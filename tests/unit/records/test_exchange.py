@@ -12,7 +12,7 @@ from companion.mavlink.framing import wire
 from companion.records.airtime import OVERHEAD_BYTES, USABLE_SHARE
 from companion.records.exchange import GIVE_UP_S, LOGS_MAX, RecordExchange
 from companion.records.frames import RECORD_ID, VECTOR_ID, encode_record, encode_vector, read_record
-from companion.records.record import BASE_ID, Entry, Record, RecordKind, Vector
+from companion.records.record import BASE_ID, Entry, LogKey, Record, RecordKind, Vector
 from companion.records.store import Batch
 from companion.records.write_queue import COPIES_MAX
 from tests.unit.records.records_kit import BEACON_BYTES, chain, making, stem, swarm
@@ -20,6 +20,13 @@ from tests.unit.records.records_kit import BEACON_BYTES, chain, making, stem, sw
 
 def from_peer(message_id: int, payload: bytes, sender: int = 2) -> bytes:
     return wire.frame(message_id, payload, seq=0, system=sender, component=COMPONENT)
+
+
+def tell_of(node: RecordExchange, *log_ids: int, mission_hash: int = 0) -> None:
+    """Vehicle 2 tells of its logs."""
+    for log_id in log_ids:
+        vector = Vector(0, 255, False, False, (Entry(LogKey(2, log_id), 0, 0, 0, 0, 0),), mission_hash)
+        node.receive(from_peer(VECTOR_ID, encode_vector(vector)), 0.0)
 
 
 def test_all_records_reach_the_base_station_once(tmp_path: Path) -> None:
@@ -215,6 +222,7 @@ def test_nobody_else_writes_the_own_log(tmp_path: Path) -> None:
 def test_what_differs_from_a_stored_record_is_counted_and_changes_nothing(tmp_path: Path) -> None:
     air = swarm(tmp_path, 2)
     node = air.nodes[1]
+    tell_of(node, 9)
     for body in (b"first", b"first", b"second"):
         node.receive(from_peer(RECORD_ID, encode_record(Record(2, 9, 1, RecordKind.STEM, 0.0, body))), air.now_s)
         air.run(1.0)
@@ -226,6 +234,7 @@ def test_logs_of_one_vehicle_have_a_bound(tmp_path: Path) -> None:
     air = swarm(tmp_path, 2)
     node = air.nodes[1]
     for log_id in range(1000, 1100):
+        tell_of(node, log_id)
         node.receive(from_peer(RECORD_ID, encode_record(Record(2, log_id, 1, RecordKind.STEM, 0.0, b"x"))), 0.0)
     air.run(3.0)
     assert len({key for key in node.store.holdings() if key.vehicle_id == 2}) <= LOGS_MAX
@@ -293,10 +302,46 @@ def test_another_component_of_a_vehicle_is_not_heard(tmp_path: Path) -> None:
 
 def test_a_flood_of_records_waits_in_bounds(tmp_path: Path) -> None:
     node = swarm(tmp_path, 2).nodes[1]
+    tell_of(node, 9)
     for number in range(1, COPIES_MAX + 100):
         node.receive(from_peer(RECORD_ID, encode_record(Record(2, 9, number, RecordKind.STEM, 0.0, b"x"))), 0.0)
     node.frames(0.0, 0)
     assert len(list(node.store.records(RecordKind.STEM))) == COPIES_MAX
+
+
+def test_another_missions_base_station_takes_nothing_and_frees_nothing(tmp_path: Path) -> None:
+    air = swarm(tmp_path, 2)
+    air.stop(BASE_ID)
+    air.start(BASE_ID, mission_hash=77)
+    said: list[str] = []
+    made = making(air, 1, 2, until_s=10.0)
+
+    def each_s() -> None:
+        made()
+        said.extend(air.nodes[BASE_ID].lines())
+
+    air.run(20.0, each_s)
+    assert air.at_base() == []
+    assert air.nodes[BASE_ID].store.holdings() == {}
+    assert said == ["records: ignored: vehicles of another mission"]
+    assert air.nodes[BASE_ID].counters()["of another mission"] > 20
+    assert (air.nodes[1].acked, air.nodes[1].store.base_epoch) == ({}, 0)
+    assert air.nodes[1].lines() == ["records: ignored: vehicles of another mission"]
+    assert air.nodes[1].progress().made == 20  # those of its own mission's vehicles are exchanged all the same
+
+
+def test_a_record_of_a_log_that_no_vector_of_this_mission_told_of_is_not_taken(tmp_path: Path) -> None:
+    node = swarm(tmp_path, 2).nodes[1]
+    frame = from_peer(RECORD_ID, encode_record(Record(2, 9, 1, RecordKind.STEM, 0.0, b"x")))
+    for hears in (lambda: None, lambda: tell_of(node, 9, mission_hash=77)):
+        hears()
+        node.receive(frame, 0.0)
+    node.frames(0.0, 0)
+    assert list(node.store.records(RecordKind.STEM)) == []
+    tell_of(node, 9)
+    node.receive(frame, 1.0)
+    node.frames(1.0, 0)
+    assert len(list(node.store.records(RecordKind.STEM))) == 1
 
 
 # --- airtime ---

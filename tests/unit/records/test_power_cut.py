@@ -103,6 +103,7 @@ def test_a_database_with_wrong_bytes_is_read_or_set_aside_and_never_raises(tmp_p
     data = bytearray(path.read_bytes())
     for _ in range(40):
         data[rng.randrange(len(data))] = rng.randrange(256)
+    data[68:72] = b"Urec"  # by these it is known as a store of ours
     path.write_bytes(bytes(data))
     store, said = open_store(path, 1, lambda: 8)
     assert store.write(Batch(own=[Draft(RecordKind.STEM, 0.0, b"next")])).own

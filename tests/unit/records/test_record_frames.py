@@ -14,7 +14,7 @@ from companion.records.record import BODY_MAX, Entry, LogKey, Record, RecordKind
 
 RECORD = Record(3, 0xDEADBEEF, 70_000, RecordKind.TRACK, 12.345678, b"\x83\x01\x02\x00")
 ENTRY = Entry(LogKey(3, 0xDEADBEEF), 40, 72, 70_000, 38, 0x80000001)
-VECTOR = Vector(1_764_000_000, 2, False, True, (ENTRY, Entry(LogKey(7, 1), 0, 0, 0, 0, 0)))
+VECTOR = Vector(1_764_000_000, 2, False, True, (ENTRY, Entry(LogKey(7, 1), 0, 0, 0, 0, 0)), 0xFEEDBEEF)
 
 
 def framed(message_id: int, payload: bytes) -> bytes:
@@ -78,4 +78,4 @@ def test_a_record_that_makes_no_sense_is_none(fields: tuple[int, ...]) -> None:
 def test_a_vector_that_makes_no_sense_is_none(vehicle_id: int, upto: int, window: int) -> None:
     numbers = upto.to_bytes(3, "little") + window.to_bytes(3, "little") + bytes(6)
     entry = struct.pack("<BI", vehicle_id, 1) + numbers + bytes(4)
-    assert read_vector(framed(VECTOR_ID, struct.pack("<IBB231s", 0, 0, 0, entry))) is None
+    assert read_vector(framed(VECTOR_ID, struct.pack("<IIBB231s", 0, 0, 0, 0, entry))) is None

@@ -157,18 +157,109 @@ def test_a_file_of_another_vehicle_is_refused(tmp_path: Path, draw: Callable[[],
     assert [file.name for file in tmp_path.glob("*damaged*")] == []
 
 
+def test_a_file_of_another_mission_is_refused_and_may_be_read_by_any(tmp_path: Path, draw: Callable[[], int]) -> None:
+    RecordStore(tmp_path / "a.db", 1, draw).close()  # of before files had a mission: it becomes that of the first
+    open_store(tmp_path / "a.db", 1, draw, mission_hash=5)[0].close()
+    with pytest.raises(StoreError, match="holds the records of another mission"):
+        open_store(tmp_path / "a.db", 1, draw, mission_hash=6)
+    open_store(tmp_path / "a.db", 1, draw, mission_hash=5)[0].close()
+    RecordStore(tmp_path / "a.db", 1, draw).close()
+
+
 def test_a_folder_that_is_not_there_is_refused(tmp_path: Path, draw: Callable[[], int]) -> None:
     with pytest.raises(StoreError, match="unable to open"):
         open_store(tmp_path / "none" / "a.db", 1, draw)
 
 
-@pytest.mark.parametrize("damage", [b"no database at all", b"SQLite format 3\0" + bytes(5000)])
-def test_a_damaged_file_is_set_aside_and_said(tmp_path: Path, draw: Callable[[], int], damage: bytes) -> None:
-    (tmp_path / "a.db").write_bytes(damage)
+def damaged_store(path: Path, draw: Callable[[], int]) -> bytes:
+    """A store of ours, of which all behind the header is gone."""
+    RecordStore(path, 1, draw).close()
+    whole = path.read_bytes()
+    path.write_bytes(whole[:100] + bytes(len(whole) - 100))
+    return path.read_bytes()
+
+
+def test_a_damaged_store_is_set_aside_and_said(tmp_path: Path, draw: Callable[[], int]) -> None:
+    damage = damaged_store(tmp_path / "a.db", draw)
     store, said = open_store(tmp_path / "a.db", 1, draw)
     assert said == "a.db was damaged: set aside as a.db.damaged-1"
     assert (tmp_path / "a.db.damaged-1").read_bytes() == damage
     assert store.write(Batch(own=drafts(1))).own
+
+
+def test_a_damaged_store_without_a_header_is_known_by_its_wal(tmp_path: Path, draw: Callable[[], int]) -> None:
+    store = RecordStore(tmp_path / "a.db", 1, draw)  # open, as at a power cut
+    (tmp_path / "cut.db").write_bytes(bytes(4096))
+    (tmp_path / "cut.db-wal").write_bytes((tmp_path / "a.db-wal").read_bytes()[:40])  # no whole page in it
+    store.close()
+    _, said = open_store(tmp_path / "cut.db", 1, draw)
+    assert said == "cut.db was damaged: set aside as cut.db.damaged-1"
+
+
+def test_an_empty_file_becomes_a_store(tmp_path: Path, draw: Callable[[], int]) -> None:
+    (tmp_path / "a.db").touch()
+    store, said = open_store(tmp_path / "a.db", 1, draw)
+    assert said == ""
+    assert store.write(Batch(own=drafts(1))).own
+
+
+def test_a_store_of_before_it_had_an_application_id_goes_on(tmp_path: Path, draw: Callable[[], int]) -> None:
+    store = RecordStore(tmp_path / "a.db", 1, draw)
+    store.write(Batch(own=drafts(1)))
+    store._writing.execute("PRAGMA application_id = 0")
+    store.close()
+    again, said = open_store(tmp_path / "a.db", 1, draw)
+    assert said == ""
+    assert [record.number for record in again.write(Batch(own=drafts(2))).own] == [2]
+    again.close()
+    assert (tmp_path / "a.db").read_bytes()[68:72] == b"Urec"
+
+
+def test_a_new_store_is_known_by_its_header_while_all_else_is_in_the_wal(
+    tmp_path: Path, draw: Callable[[], int]
+) -> None:
+    store = RecordStore(tmp_path / "a.db", 1, draw)
+    assert (tmp_path / "a.db").read_bytes()[68:72] == b"Urec"
+    store.close()
+
+
+def write_database(path: Path, application_id: int, *tables: str) -> None:
+    """A database of another program's."""
+    database = sqlite3.connect(path)
+    database.execute(f"PRAGMA application_id = {application_id}")
+    for table in tables:
+        database.execute(f"CREATE TABLE {table} (a)")
+    database.commit()
+    database.close()
+
+
+def test_what_is_no_store_of_records_is_refused_and_left_as_it_is(tmp_path: Path, draw: Callable[[], int]) -> None:
+    (tmp_path / "mission.toml").write_text("[swarm]\nsize = 4\n" * 20)
+    (tmp_path / "short.txt").write_text("x")
+    (tmp_path / "zeros.bin").write_bytes(b"SQLite format 3\0" + bytes(5000))
+    write_database(tmp_path / "trees.gpkg", 0x47504B47, "gpkg_contents")
+    write_database(tmp_path / "tagged.db", 0x47504B47, "meta", "record", "log")
+    write_database(tmp_path / "other.db", 0, "meta", "record", "log", "trees")
+    write_database(tmp_path / "log.db", 0, "log")
+    reasons = {
+        "mission.toml": "is no store of records",
+        "short.txt": "is no store of records",
+        "zeros.bin": "is a damaged database, not known",
+        "trees.gpkg": "another program's database .*47504b47",
+        "tagged.db": "another program's database",
+        "other.db": "something else .*table trees",
+        "log.db": "something else .*table log",
+    }
+    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+    for name, reason in reasons.items():
+        with pytest.raises(StoreError, match=reason):
+            open_store(tmp_path / name, 1, draw)
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
+
+
+def test_a_folder_is_refused(tmp_path: Path, draw: Callable[[], int]) -> None:
+    with pytest.raises(StoreError, match="is no file"):
+        open_store(tmp_path, 1, draw)
 
 
 def test_the_file_is_in_wal_mode_and_synced_in_full(tmp_path: Path, draw: Callable[[], int]) -> None:

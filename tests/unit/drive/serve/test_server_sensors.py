@@ -87,6 +87,17 @@ def test_without_sensing_no_sensor_is_named(mission: Mission) -> None:
     assert all("--sensor" not in vehicle["companion"] for vehicle in told["vehicles"])
 
 
+def test_notice_has_the_base_station_of_a_mission_that_surveys_alone(mission: Mission, ports: Ports) -> None:
+    assert notice.where(mission, Path("m.toml"), ports, 1.0)["base"] is None
+    assert "companion base" not in notice.table(notice.where(mission, Path("m.toml"), ports, 1.0), None)
+    lidar = {"sensor": "scan-1deg", "range_m": 12.0}
+    surveys = Mission.model_validate({**mission.model_dump(by_alias=True), "sensing": lidar, "survey": {}})
+    told = notice.where(surveys, Path("m.toml"), ports, 1.0)
+    radio = f"udpout://127.0.0.1:{ports.radio.getsockname()[1]}"
+    assert told["base"][1:] == ["base", "m.toml", "--listen", radio, "--records", "records.db"]
+    assert f"companion base m.toml --listen {radio} --records records.db" in notice.table(told, None)
+
+
 def test_scans_by_way_of_the_autopilot_come_with_its_onboard_stream() -> None:
     mission = parse_mission(MISSION + TREE + '[sim.lidar]\nvia = "autopilot"\n').with_origin(DEFAULT_ORIGIN)
     ports = open_ports(PortPlan(), (1, 2, 3))
