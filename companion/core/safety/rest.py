@@ -19,6 +19,7 @@ BRAKES_S: Final = 3.0  # or once it has braked for so long
 SLACK_M: Final = 0.15  # of it: positions are noisy
 PULL_PER_S: Final = 0.8  # m/s for each metre beyond
 PULL_MAX_MPS: Final = 0.5  # more than what the velocity errs by; it leads to where the vehicle has been
+JUMPS_M: Final = 1.5  # a place so far off is none: the position has jumped, or wind has carried the vehicle away
 AGAIN_S: Final = 0.2  # not asked for so long: another rest
 
 
@@ -46,6 +47,8 @@ class RestHold:
         stands = math.hypot(own.vel_ned_mps[0], own.vel_ned_mps[1]) <= STANDS_MPS
         if self._place_ne_m is None and (stands or now_s - self._began_s > BRAKES_S):
             self._place_ne_m = (north, east)
+        elif self._place_ne_m is not None and math.dist(self._place_ne_m, (north, east)) > JUMPS_M:
+            self._place_ne_m = (north, east)  # blind, nobody flies so far to where nothing is known to be free any more
         pull_n, pull_e = (0.0, 0.0) if self._place_ne_m is None else _pull(self._place_ne_m, north, east)
         return pull_n - bias_ned_mps[0], pull_e - bias_ned_mps[1], 0.0
 

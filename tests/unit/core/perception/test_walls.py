@@ -85,7 +85,9 @@ def test_a_box_in_sectors_is_no_stem_even_where_it_is_taken_for_no_wall(far_m: f
     assert find_stems(scan, SECTORS) == []
 
 
-@pytest.mark.parametrize(("kind", "at"), [(FINE, (0.0, 2.5)), (FINE, (4.0, 2.0)), (SECTORS, (1.0, 2.0))])
+@pytest.mark.parametrize(
+    ("kind", "at"), [(FINE, (0.0, 2.5)), (SECTORS, (1.0, 2.0)), (SECTORS, (0.0, 3.0)), (SECTORS, (1.0, 2.7))]
+)
 def test_a_vehicle_before_a_wall_is_none_of_it(kind: ScanClass, at: tuple[float, float]) -> None:
     """Hidden among the wall's rays it would never be followed, or kept clear of as one that moves."""
     scan = scan_of([EAST_WALL], (0.0, 0.0), kind)

@@ -8,7 +8,7 @@ import pytest
 
 from companion.core.model.events import Position
 from companion.core.model.vectors import ZERO
-from companion.core.safety.rest import AGAIN_S, BRAKES_S, PULL_MAX_MPS, SLACK_M, STANDS_MPS, RestHold
+from companion.core.safety.rest import AGAIN_S, BRAKES_S, JUMPS_M, PULL_MAX_MPS, SLACK_M, STANDS_MPS, RestHold
 
 TICK_S = 0.05
 
@@ -31,14 +31,22 @@ def test_one_that_never_stands_has_a_place_all_the_same() -> None:
     rest = RestHold()
     for k in range(round(BRAKES_S / TICK_S) + 2):
         rest.hold(at(0.0, speed_mps=0.6), ZERO, TICK_S * k)
-    assert rest.hold(at(2.0, speed_mps=0.6), ZERO, TICK_S * (k + 1))[0] == pytest.approx(-PULL_MAX_MPS)
+    assert rest.hold(at(1.2, speed_mps=0.6), ZERO, TICK_S * (k + 1))[0] == pytest.approx(-PULL_MAX_MPS)
+
+
+def test_a_position_that_jumps_moves_nobody() -> None:
+    """It would fly blindly, by as much as its estimator has found out."""
+    rest = RestHold()
+    rest.hold(at(0.0), ZERO, 0.0)
+    assert rest.hold(at(JUMPS_M + 0.1), ZERO, TICK_S) == ZERO
+    assert rest.hold(at(JUMPS_M + 0.2), ZERO, 2 * TICK_S) == ZERO
 
 
 def test_it_goes_back_to_where_it_came_to_rest_slowly() -> None:
     rest = RestHold()
     assert rest.hold(at(5.0, speed_mps=STANDS_MPS), ZERO, 0.0) == ZERO
     assert rest.hold(at(5.0 + 0.9 * SLACK_M), ZERO, TICK_S) == ZERO
-    vel = rest.hold(at(5.0, 3.0), ZERO, 2 * TICK_S)
+    vel = rest.hold(at(5.0, 1.2), ZERO, 2 * TICK_S)
     assert vel[1] == pytest.approx(-PULL_MAX_MPS)
     assert (vel[0], vel[2]) == (0.0, 0.0)
 
