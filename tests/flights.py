@@ -11,6 +11,7 @@ from typing import Any
 from mission.document.model import Mission
 from sim_bridge.drive import fly
 from sim_bridge.drive.entrant.stages import BY_OURS, Entrant
+from sim_bridge.drive.lockstep.fleet_keys import FleetKeys
 from sim_bridge.judge.progress import Progress
 from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.world import DEFAULT_ORIGIN
@@ -43,6 +44,7 @@ def flown(
     watch: Callable[[fly.Flight], None] | None = None,
     programs: Mapping[int, Sequence[str]] = MappingProxyType({}),
     entrant: Entrant = BY_OURS,
+    keys: FleetKeys | None = None,
 ) -> tuple[fly.Outcome, str]:
     """The outcome, and what a person saw."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -57,5 +59,6 @@ def flown(
             watch=watch,
             programs=programs,
             entrant=entrant,
+            keys=keys,
         )
     return outcome, shown.getvalue()

@@ -75,7 +75,7 @@ def serve(station: BaseStation, link: Link, stop: Stop, shown: Terminal) -> None
         deadline_s = max(deadline_s + TICK_S, now_s)
         for datagram in station.tick(now_s):
             link.send(datagram)
-        for line in station.records.lines():
+        for line in station.lines():
             shown.line(line)
         shown.progress(describe(station, now_s), now_s)
 

@@ -6,6 +6,8 @@ from typing import Final
 
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink.framing import wire
+from companion.mavlink.own_messages import decode_beacon
+from companion.mavlink.peers.guard import Guard, OpenGuard
 from companion.records.exchange import Progress, RecordExchange
 from companion.records.record import BASE_ID
 
@@ -13,24 +15,42 @@ from companion.records.record import BASE_ID
 class BaseStation:
     """Takes in records, and answers with the vector of what it has on its disk. Times are the local clock's, s."""
 
-    def __init__(self, records: RecordExchange) -> None:
-        """`records`: the base station's, by `companion.records.node.open_base`."""
+    def __init__(self, records: RecordExchange, guard: Guard | None = None) -> None:
+        """`records`: the base station's, by `companion.records.node.open_base`.
+
+        `guard`: of its radio; by default whoever is in range is heard.
+        """
         self.records: Final = records
-        self._sender = wire.Sender(BASE_ID, swarm_beacon.COMPONENT)
+        self._guard: Final[Guard] = guard or OpenGuard()
+        self._sender = wire.Sender(BASE_ID, swarm_beacon.COMPONENT, self._guard.flags)
         self._heard_s: dict[int, float] = {}  # by system id, at most 255
 
     def receive(self, data: bytes, now_s: float) -> None:
         """A datagram of the swarm's radio."""
 
-        def take_record(frame: bytes) -> bool:
-            return self.records.receive(frame, now_s)
+        guard = self._guard
 
-        for sender, _, _ in swarm_beacon.read_each(data, swarm_beacon.unpack, take_record):
-            self._heard_s[sender] = now_s
+        def take_frame(frame: bytes) -> bool:
+            if guard.take_proof(frame, now_s):
+                return True
+            is_ours = self.records.is_record(frame) and guard.admits(frame, now_s, named=False)
+            return is_ours and self.records.receive(frame, now_s)
+
+        for sender, frame, fields in swarm_beacon.read_each(data, swarm_beacon.unpack, take_frame):
+            if guard.admits(frame, now_s, decode_beacon(sender, fields)):
+                self._heard_s[sender] = now_s
 
     def tick(self, now_s: float) -> list[bytes]:
         """Datagrams to send now."""
-        return [self._sender.frame(*frame) for frame in self.records.frames(now_s, 0)]
+        guard, sender = self._guard, self._sender
+        proof = guard.proof(now_s)
+        proofs = [] if proof is None else [guard.seal_proof(sender.frame(*proof))]
+        frames = self.records.frames(now_s, 0)
+        return [*proofs, *(guard.seal(sender.frame(*frame), now_s, named=False) for frame in frames)]
+
+    def lines(self) -> list[str]:
+        """Lines for the operator, since last asked."""
+        return [*self.records.lines(), *(say.text for say in self._guard.take_says())]
 
     def in_range(self, now_s: float, within_s: float = 3.0) -> list[int]:
         """Vehicles whose beacons were heard lately."""

@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-SECRET_BYTES = 32  # of a swarm's secret and of an Ed25519 seed
-PUBLIC_BYTES = 32  # of an Ed25519 public key (RFC 8032)
-EPOCHS = 256  # the link id of a MAVLink 2 signature says which secret it was made with: one byte
 OPERATOR = 0  # in the place of a vehicle's id
 
 
 @dataclass(frozen=True, slots=True)
 class Keyring:
-    """What one of a fleet knows. Secrets are not shown by `repr`: a keyring in a log or a traceback tells nothing.
+    """The keys of one of a fleet. Secrets are not shown by `repr`: a keyring in a log or a traceback tells nothing.
 
     While secrets are rotated two epochs are there: frames of both are taken, those of `active` are sent.
     """

@@ -1122,6 +1122,7 @@ MAVLINK_MSG_ID_SWARM_RELATIVE = 52102
 MAVLINK_MSG_ID_SWARM_LIDAR_SCAN = 52103
 MAVLINK_MSG_ID_SWARM_RECORD_VECTOR = 52104
 MAVLINK_MSG_ID_SWARM_RECORD = 52105
+MAVLINK_MSG_ID_SWARM_MANIFEST = 52107
 
 
 class MAVLink_heartbeat_message(MAVLink_message):
@@ -3755,6 +3756,52 @@ class MAVLink_swarm_record_message(MAVLink_message):
 setattr(MAVLink_swarm_record_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_swarm_manifest_message(MAVLink_message):
+    """
+    In a signed swarm, once a second and with news: the sender vouches
+    with its own Ed25519 key for this boot of it, and for the frames
+    that it has sent. The group's MAC, which each frame bears, only
+    says that one of the swarm has sent it.
+    """
+
+    id = MAVLINK_MSG_ID_SWARM_MANIFEST
+    msgname = "SWARM_MANIFEST"
+    fieldnames = ["newest", "boot", "span", "echoes", "macs", "ed25519"]
+    ordered_fieldnames = ["newest", "boot", "span", "echoes", "macs", "ed25519"]
+    fieldtypes = ["uint64_t", "uint32_t", "uint32_t", "uint8_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<QIIBBB")
+    orders = [0, 1, 2, 3, 4, 5]
+    lengths = [1, 1, 1, 40, 120, 64]
+    array_lengths = [0, 0, 0, 40, 120, 64]
+    crc_extra = 19
+    unpacker = struct.Struct("<QII40B120B64B")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, newest: int, boot: int, span: int, echoes: Sequence[int], macs: Sequence[int], ed25519: Sequence[int]):
+        MAVLink_message.__init__(self, MAVLink_swarm_manifest_message.id, MAVLink_swarm_manifest_message.msgname)
+        self._fieldnames = MAVLink_swarm_manifest_message.fieldnames
+        self._instance_field = MAVLink_swarm_manifest_message.instance_field
+        self._instance_offset = MAVLink_swarm_manifest_message.instance_offset
+        self.newest = newest
+        self.boot = boot
+        self.span = span
+        self.echoes = echoes
+        self.macs = macs
+        self.ed25519 = ed25519
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.newest, self.boot, self.span, self.echoes[0], self.echoes[1], self.echoes[2], self.echoes[3], self.echoes[4], self.echoes[5], self.echoes[6], self.echoes[7], self.echoes[8], self.echoes[9], self.echoes[10], self.echoes[11], self.echoes[12], self.echoes[13], self.echoes[14], self.echoes[15], self.echoes[16], self.echoes[17], self.echoes[18], self.echoes[19], self.echoes[20], self.echoes[21], self.echoes[22], self.echoes[23], self.echoes[24], self.echoes[25], self.echoes[26], self.echoes[27], self.echoes[28], self.echoes[29], self.echoes[30], self.echoes[31], self.echoes[32], self.echoes[33], self.echoes[34], self.echoes[35], self.echoes[36], self.echoes[37], self.echoes[38], self.echoes[39], self.macs[0], self.macs[1], self.macs[2], self.macs[3], self.macs[4], self.macs[5], self.macs[6], self.macs[7], self.macs[8], self.macs[9], self.macs[10], self.macs[11], self.macs[12], self.macs[13], self.macs[14], self.macs[15], self.macs[16], self.macs[17], self.macs[18], self.macs[19], self.macs[20], self.macs[21], self.macs[22], self.macs[23], self.macs[24], self.macs[25], self.macs[26], self.macs[27], self.macs[28], self.macs[29], self.macs[30], self.macs[31], self.macs[32], self.macs[33], self.macs[34], self.macs[35], self.macs[36], self.macs[37], self.macs[38], self.macs[39], self.macs[40], self.macs[41], self.macs[42], self.macs[43], self.macs[44], self.macs[45], self.macs[46], self.macs[47], self.macs[48], self.macs[49], self.macs[50], self.macs[51], self.macs[52], self.macs[53], self.macs[54], self.macs[55], self.macs[56], self.macs[57], self.macs[58], self.macs[59], self.macs[60], self.macs[61], self.macs[62], self.macs[63], self.macs[64], self.macs[65], self.macs[66], self.macs[67], self.macs[68], self.macs[69], self.macs[70], self.macs[71], self.macs[72], self.macs[73], self.macs[74], self.macs[75], self.macs[76], self.macs[77], self.macs[78], self.macs[79], self.macs[80], self.macs[81], self.macs[82], self.macs[83], self.macs[84], self.macs[85], self.macs[86], self.macs[87], self.macs[88], self.macs[89], self.macs[90], self.macs[91], self.macs[92], self.macs[93], self.macs[94], self.macs[95], self.macs[96], self.macs[97], self.macs[98], self.macs[99], self.macs[100], self.macs[101], self.macs[102], self.macs[103], self.macs[104], self.macs[105], self.macs[106], self.macs[107], self.macs[108], self.macs[109], self.macs[110], self.macs[111], self.macs[112], self.macs[113], self.macs[114], self.macs[115], self.macs[116], self.macs[117], self.macs[118], self.macs[119], self.ed25519[0], self.ed25519[1], self.ed25519[2], self.ed25519[3], self.ed25519[4], self.ed25519[5], self.ed25519[6], self.ed25519[7], self.ed25519[8], self.ed25519[9], self.ed25519[10], self.ed25519[11], self.ed25519[12], self.ed25519[13], self.ed25519[14], self.ed25519[15], self.ed25519[16], self.ed25519[17], self.ed25519[18], self.ed25519[19], self.ed25519[20], self.ed25519[21], self.ed25519[22], self.ed25519[23], self.ed25519[24], self.ed25519[25], self.ed25519[26], self.ed25519[27], self.ed25519[28], self.ed25519[29], self.ed25519[30], self.ed25519[31], self.ed25519[32], self.ed25519[33], self.ed25519[34], self.ed25519[35], self.ed25519[36], self.ed25519[37], self.ed25519[38], self.ed25519[39], self.ed25519[40], self.ed25519[41], self.ed25519[42], self.ed25519[43], self.ed25519[44], self.ed25519[45], self.ed25519[46], self.ed25519[47], self.ed25519[48], self.ed25519[49], self.ed25519[50], self.ed25519[51], self.ed25519[52], self.ed25519[53], self.ed25519[54], self.ed25519[55], self.ed25519[56], self.ed25519[57], self.ed25519[58], self.ed25519[59], self.ed25519[60], self.ed25519[61], self.ed25519[62], self.ed25519[63]), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_swarm_manifest_message, "name", mavlink_msg_deprecated_name_property())
+
+
 mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_HEARTBEAT: MAVLink_heartbeat_message,
     MAVLINK_MSG_ID_SYS_STATUS: MAVLink_sys_status_message,
@@ -3813,6 +3860,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_SWARM_LIDAR_SCAN: MAVLink_swarm_lidar_scan_message,
     MAVLINK_MSG_ID_SWARM_RECORD_VECTOR: MAVLink_swarm_record_vector_message,
     MAVLINK_MSG_ID_SWARM_RECORD: MAVLink_swarm_record_message,
+    MAVLINK_MSG_ID_SWARM_MANIFEST: MAVLink_swarm_manifest_message,
 }
 
 
@@ -6158,3 +6206,37 @@ class MAVLink(object):
 
         """
         self.send(self.swarm_record_encode(made_usec, log_id, log_number, log_writer, record_kind, body_size, record_body), force_mavlink1=force_mavlink1)
+
+    def swarm_manifest_encode(self, newest: int, boot: int, span: int, echoes: Sequence[int], macs: Sequence[int], ed25519: Sequence[int]) -> MAVLink_swarm_manifest_message:
+        """
+        In a signed swarm, once a second and with news: the sender vouches
+        with its own Ed25519 key for this boot of it, and for the
+        frames that it has sent. The group's MAC, which each frame
+        bears, only says that one of the swarm has sent it.
+
+        newest                    : Timestamp, as in the signature, of the last frame that is named. In 10 us. (type:uint64_t)
+        boot                      : Number of this start of the sender, drawn at random; never 0. (type:uint32_t)
+        span                      : From the first frame that is named to the last. In 10 us. (type:uint32_t)
+        echoes                    : Groups of five bytes: system id of another sender (0: none), and its `boot`, low byte first. (type:uint8_t)
+        macs                      : The last six bytes of each frame that the sender has sent between the first and the last, in their order; zeros: none. Neither manifests nor records are named. (type:uint8_t)
+        ed25519                   : Ed25519, of "understory manifest 1", the sender's system id and all fields before it as they are sent. (type:uint8_t)
+
+        """
+        return MAVLink_swarm_manifest_message(newest, boot, span, echoes, macs, ed25519)
+
+    def swarm_manifest_send(self, newest: int, boot: int, span: int, echoes: Sequence[int], macs: Sequence[int], ed25519: Sequence[int], force_mavlink1: bool = False) -> None:
+        """
+        In a signed swarm, once a second and with news: the sender vouches
+        with its own Ed25519 key for this boot of it, and for the
+        frames that it has sent. The group's MAC, which each frame
+        bears, only says that one of the swarm has sent it.
+
+        newest                    : Timestamp, as in the signature, of the last frame that is named. In 10 us. (type:uint64_t)
+        boot                      : Number of this start of the sender, drawn at random; never 0. (type:uint32_t)
+        span                      : From the first frame that is named to the last. In 10 us. (type:uint32_t)
+        echoes                    : Groups of five bytes: system id of another sender (0: none), and its `boot`, low byte first. (type:uint8_t)
+        macs                      : The last six bytes of each frame that the sender has sent between the first and the last, in their order; zeros: none. Neither manifests nor records are named. (type:uint8_t)
+        ed25519                   : Ed25519, of "understory manifest 1", the sender's system id and all fields before it as they are sent. (type:uint8_t)
+
+        """
+        self.send(self.swarm_manifest_encode(newest, boot, span, echoes, macs, ed25519), force_mavlink1=force_mavlink1)

@@ -375,6 +375,7 @@ MAVLINK_MSG_ID_SWARM_RELATIVE: Final = 52102
 MAVLINK_MSG_ID_SWARM_LIDAR_SCAN: Final = 52103
 MAVLINK_MSG_ID_SWARM_RECORD_VECTOR: Final = 52104
 MAVLINK_MSG_ID_SWARM_RECORD: Final = 52105
+MAVLINK_MSG_ID_SWARM_MANIFEST: Final = 52107
 class MAVLink_heartbeat_message(MAVLink_message):
     type: int
     autopilot: int
@@ -1043,6 +1044,15 @@ class MAVLink_swarm_record_message(MAVLink_message):
     record_body: Sequence[int]
     def __init__(self, made_usec: int, log_id: int, log_number: int, log_writer: int, record_kind: int, body_size: int, record_body: Sequence[int]) -> None: ...
     def pack(self, mav: MAVLink, force_mavlink1: bool=False) -> bytes: ...
+class MAVLink_swarm_manifest_message(MAVLink_message):
+    newest: int
+    boot: int
+    span: int
+    echoes: Sequence[int]
+    macs: Sequence[int]
+    ed25519: Sequence[int]
+    def __init__(self, newest: int, boot: int, span: int, echoes: Sequence[int], macs: Sequence[int], ed25519: Sequence[int]) -> None: ...
+    def pack(self, mav: MAVLink, force_mavlink1: bool=False) -> bytes: ...
 mavlink_map: dict[int, type[MAVLink_message]]
 class MAVError(Exception):
     message: str
@@ -1225,3 +1235,5 @@ class MAVLink:
     def swarm_record_vector_send(self, base_epoch: int, mission_hash: int, base_hops: int, node_flags: int, log_entries: Sequence[int], force_mavlink1: bool=False) -> None: ...
     def swarm_record_encode(self, made_usec: int, log_id: int, log_number: int, log_writer: int, record_kind: int, body_size: int, record_body: Sequence[int]) -> MAVLink_swarm_record_message: ...
     def swarm_record_send(self, made_usec: int, log_id: int, log_number: int, log_writer: int, record_kind: int, body_size: int, record_body: Sequence[int], force_mavlink1: bool=False) -> None: ...
+    def swarm_manifest_encode(self, newest: int, boot: int, span: int, echoes: Sequence[int], macs: Sequence[int], ed25519: Sequence[int]) -> MAVLink_swarm_manifest_message: ...
+    def swarm_manifest_send(self, newest: int, boot: int, span: int, echoes: Sequence[int], macs: Sequence[int], ed25519: Sequence[int], force_mavlink1: bool=False) -> None: ...

@@ -20,13 +20,14 @@ from companion.core.model.states import Order, Severity
 from companion.core.stages import FLIGHT_STAGES, StageFactory
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
+from companion.mavlink.beacon import Decoded
 from companion.mavlink.codec import Codec
 from companion.mavlink.framing import texts, wire
-from companion.mavlink.framing.frames import Framing, Incoming, source
+from companion.mavlink.framing.frames import Framing, Incoming
 from companion.mavlink.framing.signing import Gate
 from companion.mavlink.harvest import GuardedSurvey, RecordLink, Survey
-from companion.mavlink.own_messages import encode_relative_report
-from companion.mavlink.relative import RELATIVE_ID, read_relative_report
+from companion.mavlink.peers.guard import Guard, OpenGuard
+from companion.mavlink.peers.peers_link import PeersLink
 from companion.mavlink.sensor_inputs import SHARED, SensorInputs
 from companion.mavlink.sensor_source import SensorSource
 from companion.mavlink.streams import FRAME_MESSAGES, STREAMS_HZ, StreamRequests, receiver_hz, reception_counts
@@ -94,12 +95,14 @@ class Endpoint:
         stages: StageFactory = FLIGHT_STAGES,
         survey: Survey | None = None,
         records: RecordLink | None = None,
+        guard: Guard | None = None,
     ) -> None:
         """ValueError when the mission has no origin or no such vehicle.
 
         `sensor_streams`: the links to its sensors' drivers by name, and whether bytes may break anywhere (serial).
         `beacons`: reads those of this mission, shared with other vehicles; by default its own.
         `stages`: of its agent. `survey`: measures stems, in a mission that asks for it; `records`: keeps what it finds.
+        `guard`: of the peers' link; by default whoever is in range is heard.
         """
         if mission.origin is None:
             raise ValueError("the mission has no [origin]: a vehicle cannot tell where its d1 and d2 are")
@@ -110,10 +113,14 @@ class Endpoint:
         if ranging is not None and not mission.has_satellites(vehicle_id):
             start = enu_to_ned(ranging.start_enu_m[vehicle_id - 1])
         self.codec = Codec(vehicle_id, frame, start_ned_m=start, broadcasts_position=ranging is None)
-        self._ranging = ranging is not None
-        self._beacons = beacons or swarm_beacon.Reader(frame)
         self.autopilot_gate = Gate(takes_signed=True)  # by wire, or from a simulator
-        self.peers_gate = Gate(takes_signed=False)  # by radio: a signature that is not read proves nothing
+        self.peers: Final = PeersLink(
+            vehicle_id,
+            beacons or swarm_beacon.Reader(frame),
+            guard or OpenGuard(),
+            records,
+            ranging=ranging is not None,
+        )
         self.sensors = SensorInputs(sensors, vehicle_id, sensor_streams)
         self.survey: Final = None if survey is None else GuardedSurvey(survey)
         self.records: Final = records
@@ -124,10 +131,8 @@ class Endpoint:
         wanted |= RECEPTION if reception else frozenset(fix_hz)
         self.autopilot = Framing(wanted, is_stream=autopilot_is_stream)
         self._decoders = self._decoder_table()
-        self.datagrams_without_beacon = 0  # of the peers' link
         self.requested_ns: int | None = None  # time of a TIMESYNC request, for `--clock vehicle` to take
         self._to_autopilot = wire.Sender(vehicle_id, COMPONENT)
-        self._to_peers = wire.Sender(vehicle_id, COMPONENT)
         self._to_sensor = wire.Sender(vehicle_id, COMPONENT)
         self._text_id = 0  # of the last text said
         self._to_say: list[Say] = []  # with the next tick; at most a few
@@ -182,41 +187,21 @@ class Endpoint:
 
     def from_peers(self, data: bytes, now_s: float) -> None:
         """A datagram of the swarm's radio, which arrives at `now_s`."""
-        words: list[RelativeReport] = []
-        records: list[bytes] = []
-        has_beside = self._ranging or self.records is not None
-        beside = self._beside(words, records, now_s) if has_beside else None
-        each = swarm_beacon.read_each(data, self._beacons.decode_frame, beside)
-        found = bool(records)
-        for word in words:
-            self.agent.receive(word, now_s)
-        for sender, frame, decoded in each:
-            found = True
-            if not self.peers_gate.admits(frame):
-                continue
-            beacon = self.codec.beacon(decoded)
-            if beacon is not None:
-                self.agent.receive(beacon, now_s)
-            elif decoded.version != swarm_beacon.VERSION:
-                self._tell_version(sender, decoded.version)
-        if not found:
-            self.datagrams_without_beacon += 1
+        for word in self.peers.read_datagram(data, now_s):
+            match word:
+                case RelativeReport():
+                    self.agent.receive(word, now_s)
+                case sender, decoded:
+                    self._receive_beacon(sender, decoded, now_s)
+        if self.peers.guard.cloned and not self.agent.flight.grounded:
+            self.agent.ground(f"another companion flies as vehicle {self.id}")
 
-    def _beside(self, words: list[RelativeReport], records: list[bytes], now_s: float) -> Callable[[bytes], bool]:
-        """Takes what comes with beacons; the frames of `records` are acted on as they come."""
-
-        def collect_report(frame: bytes) -> bool:
-            if self.records is not None and self.records.receive(frame, now_s):
-                records.append(frame)
-                return True
-            word = read_relative_report(frame) if self._ranging else None
-            if word is None:
-                return False
-            if source(frame)[1] == COMPONENT and self.peers_gate.admits(frame):
-                words.append(word)
-            return True
-
-        return collect_report
+    def _receive_beacon(self, sender: int, decoded: Decoded, now_s: float) -> None:
+        beacon = self.codec.beacon(decoded)
+        if beacon is not None:
+            self.agent.receive(beacon, now_s)
+        elif decoded.version != swarm_beacon.VERSION:
+            self._tell_version(sender, decoded.version)
 
     def _tell_version(self, sender: int, version: int) -> None:
         """Once for each vehicle of this swarm: it is not kept clear of."""
@@ -303,15 +288,10 @@ class Endpoint:
         self._to_say.clear()
         self._reply(now_s, to_autopilot)
         out.autopilot = b"".join(to_autopilot)
-        out.peers = b"".join(to_peers)
-        if self.records is not None:
-            self._send_records(self.records, now_s, out)
+        out.peers = b"".join([*to_peers, *self.peers.prove(now_s)])
+        out.records = self.peers.send_records(now_s, len(out.peers))
+        self._to_say += self.peers.take_says()
         return out
-
-    def _send_records(self, records: RecordLink, now_s: float, out: Outbox) -> None:
-        """Frames of records behind the beacons, and what is to be said of them with the next tick."""
-        out.records = [self._to_peers.frame(*frame) for frame in records.frames(now_s, len(out.peers))]
-        self._to_say += [Say(Severity.WARNING, line) for line in records.lines()]
 
     def _take_scans(self, now_s: float) -> None:
         """Hands on the scans since the last tick; a survey measures stems by them."""
@@ -341,10 +321,8 @@ class Endpoint:
                 to_autopilot.append(self._to_autopilot.frame(SETPOINT, setpoint))
             case SendBeacon():
                 payload = self.codec.encode_beacon(action.beacon, action.pos_ned_m)
-                if payload is not None and action.word is not None:
-                    to_peers.append(self._to_peers.frame(RELATIVE_ID, encode_relative_report(action.word)))
                 if payload is not None:
-                    to_peers.append(self._to_peers.frame(swarm_beacon.MESSAGE_ID, payload))
+                    to_peers += self.peers.send_beacon(action.beacon, payload, action.word, now_s)
             case Ask(request, altitude_m):
                 assert self.codec.make is not None  # nothing is asked of an unknown autopilot
                 command, parameters = self.codec.make.command(request, self.codec.altitude(altitude_m))

@@ -32,8 +32,11 @@ class RecordLink(Protocol):
     def append(self, kind: int, body: bytes, now_s: float) -> None:
         """One more record of this vehicle's own."""
 
+    def is_record(self, frame: bytes) -> bool:
+        """A whole frame is one of records, by its header alone."""
+
     def receive(self, frame: bytes, now_s: float) -> bool:
-        """A whole frame of the peers' link; False: it is none of records, or not valid."""
+        """A whole frame of the peers' link, which its guard has admitted; False: it is not valid."""
 
     def frames(self, now_s: float, beacon_bytes: int) -> list[tuple[int, bytes]]:
         """Message ids and payloads to send now, behind so many bytes of beacons."""

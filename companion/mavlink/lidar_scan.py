@@ -1,6 +1,6 @@
 """SWARM_LIDAR_SCAN: a piece of a lidar's raw scan <-> its payload, for drivers, the simulator and the companion.
 
-What arrives is believed within the bounds of its table (companion.mavlink.schema.measurements); all else is None.
+What arrives is believed within the bounds of its table (schema/tables/measurements.py); all else is None.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from struct import Struct
 from typing import Any, Final
 
 from companion.mavlink import dialect
-from companion.mavlink.schema.measurements import LIDAR_SCAN, RAYS_MAX
+from companion.mavlink.schema.tables.measurements import LIDAR_SCAN, RAYS_MAX
 
 LIDAR_SCAN_ID: Final = dialect.MAVLINK_MSG_ID_SWARM_LIDAR_SCAN
 NOT_MEASURED_MM: Final = 0

@@ -13,15 +13,15 @@ from typing import Final
 
 from companion.mavlink.beacon import COMPONENT
 from companion.mavlink.framing.frames import source
-from companion.mavlink.framing.signing import Gate
 from companion.mavlink.framing.wire import CRC_BYTES, HEADER_BYTES
-from companion.mavlink.schema.measurements import ENTRIES_MAX
+from companion.mavlink.schema.tables.measurements import ENTRIES_MAX
 from companion.records.airtime import OVERHEAD_BYTES, Airtime
 from companion.records.frames import (
     RECORD_ID,
     VECTOR_ID,
     encode_record,
     encode_vector,
+    is_record_frame,
     read_record,
     read_vector,
 )
@@ -72,7 +72,6 @@ class RecordExchange:
 
         `mission_hash`: vectors of another mission are not heard, nor records of logs that none of this one told of.
         """
-        self.gate = Gate(takes_signed=False)  # by radio: a signature that is not read proves nothing
         self.dropped: Final = dict.fromkeys((*DROPPED, FOREIGN), 0)
         self._mission_hash = mission_hash
         self._store = store
@@ -103,14 +102,18 @@ class RecordExchange:
         else:
             self._queue.add_own(RecordKind(kind), body, now_s)
 
+    def is_record(self, frame: bytes) -> bool:
+        """A whole frame is one of records, by its header alone."""
+        return is_record_frame(frame)
+
     def receive(self, frame: bytes, now_s: float) -> bool:
-        """A frame of the swarm's radio; False: it is no valid frame of records."""
+        """A frame of the swarm's radio that its guard has admitted; False: it is no valid frame of records."""
         record = read_record(frame)
         vector = read_vector(frame) if record is None else None
         if record is None and vector is None:
             return False
         sender, component = source(frame)
-        if component != COMPONENT or not self.gate.admits(frame):
+        if component != COMPONENT:
             return True
         if sender == self._me or not (1 <= sender <= self._members or sender == BASE_ID):
             self.dropped["of unknown vehicles"] += 1

@@ -7,7 +7,7 @@ from typing import Final
 
 from companion.mavlink import dialect
 from companion.mavlink.framing.frames import payload_of
-from companion.mavlink.schema.measurements import ENTRIES_MAX, ENTRY_BYTES, RECORD, RECORD_VECTOR
+from companion.mavlink.schema.tables.measurements import ENTRIES_MAX, ENTRY_BYTES, RECORD, RECORD_VECTOR
 from companion.records.record import BITMAP, BODY_MAX, NUMBER_MAX, Entry, LogKey, Record, RecordKind, Vector
 
 VECTOR_ID: Final = dialect.MAVLINK_MSG_ID_SWARM_RECORD_VECTOR

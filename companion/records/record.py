@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final, NamedTuple
 
-from companion.mavlink.schema.measurements import BODY_MAX as BODY_MAX
+from companion.mavlink.peers.session import BASE_ID as BASE_ID
+from companion.mavlink.schema.tables.measurements import BODY_MAX as BODY_MAX
 
-BASE_ID: Final = 254  # system id of the base station: vehicles go to 250, and 255 is the ground station's
 NUMBER_MAX: Final = (1 << 24) - 1  # of a log: one each second for 194 days
 BITMAP: Final = 32  # numbers behind a vector's window that it tells one by one
 

@@ -130,8 +130,8 @@ class ChangeLogger:
         endpoint = self._endpoint
         found = {
             "bad frames of the autopilot": endpoint.autopilot.bad,
-            "datagrams of the peers without a beacon": endpoint.datagrams_without_beacon,
-            "signed beacons refused": endpoint.peers_gate.refused,
+            "datagrams of the peers without a beacon": endpoint.peers.without_beacon,
+            **{f"frames of the peers refused, {why}": n for why, n in sorted(endpoint.peers.guard.refused.items())},
             "messages with invalid values": endpoint.codec.dropped,
             "beacons of another version": endpoint.codec.other_versions,
             "errors of the autopilot link": self._autopilot.errors,

@@ -107,7 +107,7 @@ class Picture:
     led_s: float | None  # since a vehicle in the air named a leader that acts; None: none is in the air
     apart_s: float | None  # since all in the air that name an acting leader named the same; None: they do
     other_versions: tuple[int, ...]  # vehicles whose beacons cannot be read
-    refused: int  # beacons that cannot be believed: wrong fields, or a signature that nobody can check
+    refused: int  # beacons that cannot be believed: of wrong fields
 
     SOURCES: ClassVar[Sources] = {
         "not_heard": ("present", "flown"),
@@ -139,7 +139,7 @@ class Heard:
         self._reports: dict[int, RelativeReport] = {}  # the last of each vehicle: it comes before its beacon
         self._told: dict[int, tuple[Told, float]] = {}
         self._other_versions: set[int] = set()
-        self._gate = Gate(takes_signed=False)
+        self._gate = Gate(takes_signed=True)
         self._refused = 0
         self._heard_s: float | None = None
         self._agreed_s = 0.0

@@ -15,7 +15,7 @@ from companion.core.model.states import SwarmPhase
 from companion.core.stages import StageFactory
 from companion.mavlink import dialect
 from companion.mavlink.beacon import Reader
-from mission.common.frames import LocalFrame, Vec3
+from companion.mavlink.peers.session import BASE_ID
 from mission.document.load import dump_mission
 from mission.document.model import Mission
 from mission.schema.faults import FaultKind
@@ -26,6 +26,8 @@ from sim_bridge.drive.faults import ENDING, Faults, immune_of, keep_faults
 from sim_bridge.drive.garbage import collect_less
 from sim_bridge.drive.interrupts import no_more_interrupts
 from sim_bridge.drive.live.live import Live
+from sim_bridge.drive.lockstep.airframes_made import counted
+from sim_bridge.drive.lockstep.fleet_keys import FleetKeys
 from sim_bridge.drive.lockstep.harvest import Harvest, describe_records
 from sim_bridge.drive.lockstep.lockstep import Companion, CompanionLostError, InProcess, Lockstep
 from sim_bridge.drive.lockstep.processes import Launcher, RadioSocket
@@ -37,7 +39,7 @@ from sim_bridge.judge.outcome import Outcome, conclude
 from sim_bridge.judge.progress import Progress, Status
 from sim_bridge.judge.recording import Recorder, Trace
 from sim_bridge.judge.tick import Tick
-from sim_bridge.world.airframe.base import Airframe, AirframeFactory
+from sim_bridge.world.airframe.base import AirframeFactory
 from sim_bridge.world.airframe.jsbsim_quad import jsbsim_airframes
 from sim_bridge.world.autopilot import Link, StreamProfile
 from sim_bridge.world.sensors.table import link_name
@@ -235,6 +237,7 @@ def fly(
     programs: Mapping[int, Sequence[str]] = MappingProxyType({}),
     live: Live | None = None,
     entrant: Entrant = BY_OURS,
+    keys: FleetKeys | None = None,
 ) -> Outcome:
     """Fly `mission` (with an origin) into the empty `folder`. `factor`: times real time, None as fast as it goes.
 
@@ -243,14 +246,14 @@ def fly(
     `watch` is called after every tick: a test or a benchmark may interfere there. `programs`: what to start as
     `companion` for a vehicle, where it is not this installation's. `live`: where it is watched; the pace is its own
     then. KeyboardInterrupt ends the flight, not the report. Raises AirframeError without jsbsim, MissionError for a
-    stem map that is not in `folder`.
+    stem map that is not in `folder`. `keys`: frames of the radio are signed with them; ValueError unless `in_process`.
     """
     if folder is not None:
         (folder / MISSION_NAME).write_text(dump_mission(mission), encoding="utf-8")
     elif not in_process:
         raise ValueError("folder = None: companions that are processes read the mission there")
-    if not (in_process or entrant.is_ours):
-        raise ValueError(f"{entrant.note()}: companions that are processes fly ours")
+    if not in_process:
+        _refuse_processes(entrant, keys)
     stages = entrant.stages()
     if live is not None and folder is not None:
         live.map.begin(folder / MISSION_NAME, live.title, mission.swarm.size)
@@ -259,14 +262,14 @@ def fly(
         forks = None if in_process else stack.enter_context(ForkClient())  # it loads while the world is made
         with progress.working("making the stand"):
             stand = stand_of(mission, folder)
-        make = _counted(airframes or jsbsim_airframes(mission), mission.swarm.size, progress)
+        make = counted(airframes or jsbsim_airframes(mission), mission.swarm.size, progress)
         world = World(mission, make, links=LINKS, stand=stand)
         lost_early: list[CompanionLostError] = []
         companions: list[Companion] = []
-        harvest = _harvest(mission, world, folder, stack)
+        harvest = _harvest(mission, world, folder, stack, keys)
         if forks is None or folder is None:
             beacons = Reader(world.frame, remembers=BEACONS_REMEMBERED)
-            start: Callable[[int], Companion] = partial(_in_process, mission, beacons, stages, harvest)
+            start: Callable[[int], Companion] = partial(_in_process, mission, beacons, stages, harvest, keys)
             companions += [start(k) for k in world.vehicles]
         else:
             radio = RadioSocket()
@@ -326,11 +329,21 @@ def fly(
         )
 
 
-def _harvest(mission: Mission, world: World, folder: Path | None, stack: ExitStack) -> Harvest | None:
+def _refuse_processes(entrant: Entrant, keys: FleetKeys | None) -> None:
+    if not entrant.is_ours:
+        raise ValueError(f"{entrant.note()}: companions that are processes fly ours")
+    if keys is not None:
+        raise ValueError("keys: companions that are processes read theirs from files")
+
+
+def _harvest(
+    mission: Mission, world: World, folder: Path | None, stack: ExitStack, keys: FleetKeys | None
+) -> Harvest | None:
     """The records, of a mission that surveys."""
     if mission.survey is None:
         return None
-    harvest = Harvest(mission, world.stand, world.radio, folder)
+    guard = None if keys is None else keys.guard(BASE_ID)
+    harvest = Harvest(mission, world.stand, world.radio, folder, guard)
     stack.callback(harvest.close)
     return harvest
 
@@ -340,26 +353,18 @@ def _records_file(harvest: Harvest | None) -> Callable[[int], Path | None]:
 
 
 def _in_process(
-    mission: Mission, beacons: Reader, stages: StageFactory, harvest: Harvest | None, vehicle_id: int
+    mission: Mission,
+    beacons: Reader,
+    stages: StageFactory,
+    harvest: Harvest | None,
+    keys: FleetKeys | None,
+    vehicle_id: int,
 ) -> InProcess:
     """A companion in this process, with the disk that its vehicle has."""
     records = None if harvest is None else harvest.open(vehicle_id)
     disk = None if harvest is None else harvest.disks[vehicle_id]
-    return InProcess(mission, vehicle_id, beacons=beacons, stages=stages, records=records, disk=disk)
-
-
-def _counted(make: AirframeFactory, total: int, progress: Progress) -> AirframeFactory:
-    """`make`, which is seen to go on."""
-    made = 0
-
-    def counted(frame: LocalFrame, pos_ned_m: Vec3, seed: int) -> Airframe:
-        nonlocal made
-        body = make(frame, pos_ned_m, seed)
-        made += 1
-        progress.stage("making vehicles", made, total)
-        return body
-
-    return counted
+    guard = None if keys is None else keys.guard(vehicle_id)
+    return InProcess(mission, vehicle_id, beacons=beacons, stages=stages, records=records, disk=disk, guard=guard)
 
 
 def _run(

@@ -112,5 +112,4 @@ _.setpoints_rejected  # of a simulated autopilot, whose refusals have no message
 
 # To be deleted or shown by those who rewrite these parts.
 _.setpoint_ned_mps
-_.signed
 _.unsent

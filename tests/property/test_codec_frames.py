@@ -19,7 +19,7 @@ from companion.mavlink.codec import Codec
 from companion.mavlink.framing import wire
 from companion.mavlink.framing.frames import Framing
 from companion.mavlink.own_messages import BEACON_PAYLOAD
-from companion.mavlink.schema import beacon as schema
+from companion.mavlink.schema.tables import beacon as schema
 from mission.common.frames import LocalFrame, Vec3, Wgs84
 
 SWARM_XML = Path(dialect.__file__).with_name("swarm.xml")
@@ -30,6 +30,7 @@ OWN = {
     dialect.MAVLINK_MSG_ID_SWARM_LIDAR_SCAN,
     dialect.MAVLINK_MSG_ID_SWARM_RECORD_VECTOR,
     dialect.MAVLINK_MSG_ID_SWARM_RECORD,
+    dialect.MAVLINK_MSG_ID_SWARM_MANIFEST,
     dialect.MAVLINK_MSG_ID_PROTOCOL_VERSION,
 }
 STANDARD = sorted(set(dialect.mavlink_map) - OWN)

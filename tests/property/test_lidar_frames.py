@@ -16,7 +16,7 @@ from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.framing import wire
 from companion.mavlink.lidar_scan import LIDAR_SCAN_ID, decode_lidar_scan, encode_lidar_scan
-from companion.mavlink.schema.measurements import RAYS_MAX
+from companion.mavlink.schema.tables.measurements import RAYS_MAX
 from companion.sensors.lidar_pieces import LidarPieces
 from companion.sensors.table import sensors_of
 from tests.unit.core.core_kit import mission

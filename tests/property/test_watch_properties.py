@@ -11,8 +11,8 @@ from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink.framing import wire
 from companion.mavlink.own_messages import BEACON_PAYLOAD
 from companion.mavlink.relative import RELATIVE_ID
-from companion.mavlink.schema.beacon import BEACON
 from companion.mavlink.schema.rows import Field
+from companion.mavlink.schema.tables.beacon import BEACON
 from companion.watch.command import view
 from companion.watch.heard import Heard
 from tests.flights import short_mission

@@ -86,10 +86,11 @@ def _decode_generated(frame: bytes) -> Any:
 class Sender:
     """Packs what one program sends on one link: its identity and its count of frames."""
 
-    __slots__ = ("_component", "_seq", "_system")
+    __slots__ = ("_component", "_flags", "_seq", "_system")
 
-    def __init__(self, system: int, component: int) -> None:
-        self._system, self._component = system, component
+    def __init__(self, system: int, component: int, flags: int = 0) -> None:
+        """`flags`: incompatibility flags of the frames that `frame` makes."""
+        self._system, self._component, self._flags = system, component, flags
         self._seq = 0
 
     def pack(self, message: Any) -> bytes:
@@ -100,7 +101,9 @@ class Sender:
 
     def frame(self, message_id: int, payload: bytes) -> bytes:
         """The next frame, of a payload as for `frame`."""
-        framed = frame(message_id, payload, seq=self._seq, system=self._system, component=self._component)
+        framed = frame(
+            message_id, payload, seq=self._seq, system=self._system, component=self._component, flags=self._flags
+        )
         self._seq = (self._seq + 1) & 0xFF
         return framed
 
@@ -118,11 +121,15 @@ def pack(message: Any, *, seq: int, system: int, component: int) -> bytes:
     return frame(message_id, payload, seq=seq, system=system, component=component)
 
 
-def frame(message_id: int, payload: bytes, *, seq: int, system: int, component: int) -> bytes:
-    """An unsigned MAVLink 2 frame of a payload of the dialect's `message_id`, whose fields are in the wire's order."""
+def frame(message_id: int, payload: bytes, *, seq: int, system: int, component: int, flags: int = 0) -> bytes:
+    """A MAVLink 2 frame of a payload of the dialect's `message_id`, whose fields are in the wire's order.
+
+    `flags`: incompatibility flags; of one that says that it is signed, the signature is to follow.
+    """
     payload = payload.rstrip(b"\0") or b"\0"  # MAVLink 2 cuts trailing zeros off, but leaves one byte
     framed: bytes = (
-        _HEADER.pack(_V2, len(payload), 0, 0, seq, system, component, message_id & 0xFFFF, message_id >> 16) + payload
+        _HEADER.pack(_V2, len(payload), flags, 0, seq, system, component, message_id & 0xFFFF, message_id >> 16)
+        + payload
     )
     crc: int = mcrf4xx(framed[1:] + _CRC_EXTRA[message_id])
     return framed + crc.to_bytes(2, "little")

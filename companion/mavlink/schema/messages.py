@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Final
 
 from companion.core.model.states import SwarmPhase
-from companion.mavlink.schema.beacon import BEACON, FASTEST_MPS, FURTHEST_M, VERSION
-from companion.mavlink.schema.measurements import LIDAR_SCAN, RANGES, RECORD, RECORD_VECTOR, RELATIVE
 from companion.mavlink.schema.rows import Enumeration, Message
+from companion.mavlink.schema.tables.beacon import BEACON, FASTEST_MPS, FURTHEST_M, VERSION
+from companion.mavlink.schema.tables.measurements import LIDAR_SCAN, RANGES, RECORD, RECORD_VECTOR, RELATIVE
+from companion.mavlink.schema.tables.signing import MANIFEST
 
-OWN: Final[tuple[Message, ...]] = (BEACON, RANGES, RELATIVE, LIDAR_SCAN, RECORD_VECTOR, RECORD)
+OWN: Final[tuple[Message, ...]] = (BEACON, RANGES, RELATIVE, LIDAR_SCAN, RECORD_VECTOR, RECORD, MANIFEST)
 CONSTANTS: Final = {  # name in own_messages.py: value, reason
     "VERSION": (VERSION, "of what the fields of a beacon mean"),
     "FURTHEST_M": (FURTHEST_M, "beyond it a position, and"),

@@ -8,10 +8,10 @@ from collections.abc import Iterator, Sequence
 
 from companion.core.model.states import FlightState
 from companion.mavlink import dialect
-from companion.mavlink.schema.beacon import FURTHEST_M, VERSION
 from companion.mavlink.schema.definition import enumerations_of
 from companion.mavlink.schema.messages import ENUMERATIONS, OWN
 from companion.mavlink.schema.rows import Field, Message
+from companion.mavlink.schema.tables.beacon import FURTHEST_M, VERSION
 
 
 def page(note: str) -> Iterator[str]:

@@ -1,7 +1,8 @@
 """The companions' way on to the air: each beacon is decoded once, here; the radio only carries bytes.
 
 What goes with a beacon in a swarm that flies by ranges (SWARM_RELATIVE) comes in one datagram with it, and so it goes
-on the air: both arrive together or not at all. Records go on the air frame by frame, after the beacons.
+on the air: both arrive together or not at all, and so does the manifest behind a beacon of a signed swarm. Records go
+on the air frame by frame, after the beacons.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 from companion.core.model.beacon import RelativeReport
 from companion.mavlink.beacon import COMPONENT, WireBeacon, beacons
 from companion.mavlink.framing.frames import source
+from companion.mavlink.peers import manifest as manifests
 from companion.mavlink.relative import read_relative_report
 from companion.records.frames import is_record_frame, read_record, read_vector
 from sim_bridge.world.radio import Radio
@@ -30,24 +32,10 @@ class Transmitter:
     def send(self, sender: int, data: bytes, now_s: float) -> tuple[bytes, ...]:
         """A datagram from `sender`'s own socket; returns the valid beacons in it. KeyError: its radio has no place."""
         sent = []
-        words: list[tuple[bytes, RelativeReport]] = []
-
-        records: list[bytes] = []
-
-        def collect_report(frame: bytes) -> bool:
-            if is_record_frame(frame):
-                is_valid = read_record(frame) is not None or read_vector(frame) is not None
-                if is_valid:
-                    records.append(frame)
-                return is_valid
-            word = read_relative_report(frame)
-            if word is not None:
-                words.append((frame, word))
-            return word is not None
-
-        each = beacons(data, collect_report)
-        beside = b""
-        for frame, word in words:
+        found = _Found()
+        each = beacons(data, found.take_frame)
+        beside, behind = b"", b"".join(self._frames_of(sender, found.proofs))
+        for frame, word in found.words:
             if source(frame) == (sender, COMPONENT):
                 self.words[sender] = word
                 beside += frame
@@ -59,12 +47,39 @@ class Transmitter:
                 continue
             self.said[sender], self.said_s[sender] = beacon, now_s
             self._radio.set_range(sender, beacon.range_dm / 10.0)
-            self._radio.send(sender, beside + frame, now_s)
-            beside = b""
+            self._radio.send(sender, beside + frame + behind, now_s)
+            beside = behind = b""
             sent.append(frame)
-        for frame in records:
-            if source(frame) == (sender, COMPONENT):
+        for frame in (behind, *self._frames_of(sender, found.records)):
+            if frame:
                 self._radio.send(sender, frame, now_s, aside=True)
-            else:
-                self.refused += 1
         return tuple(sent)
+
+    def _frames_of(self, sender: int, frames: list[bytes]) -> list[bytes]:
+        own = [frame for frame in frames if source(frame) == (sender, COMPONENT)]
+        self.refused += len(frames) - len(own)
+        return own
+
+
+class _Found:
+    """The frames of a datagram besides beacons."""
+
+    def __init__(self) -> None:
+        self.words: list[tuple[bytes, RelativeReport]] = []
+        self.records: list[bytes] = []
+        self.proofs: list[bytes] = []
+
+    def take_frame(self, frame: bytes) -> bool:
+        """True: a valid frame of one of these."""
+        if is_record_frame(frame):
+            is_valid = read_record(frame) is not None or read_vector(frame) is not None
+            if is_valid:
+                self.records.append(frame)
+            return is_valid
+        if manifests.read_manifest(frame) is not None:
+            self.proofs.append(frame)
+            return True
+        word = read_relative_report(frame)
+        if word is not None:
+            self.words.append((frame, word))
+        return word is not None

@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from companion.base.station import BaseStation
+from companion.mavlink.peers.guard import Guard
 from companion.records.exchange import RecordExchange
 from companion.records.node import open_base, open_records
 from companion.records.record import BASE_ID, LogKey, RecordKind
@@ -60,8 +61,13 @@ class Harvest:
     A `RadioNode` of the lockstep.
     """
 
-    def __init__(self, mission: Mission, stand: Stand, radio: Radio, folder: Path | None) -> None:
-        """`folder`: of the run; None: all is kept in memory, and a companion that starts again has lost its disk."""
+    def __init__(
+        self, mission: Mission, stand: Stand, radio: Radio, folder: Path | None, guard: Guard | None = None
+    ) -> None:
+        """`folder`: of the run; None: all is kept in memory, and a companion that starts again has lost its disk.
+
+        `guard`: of the base station's radio.
+        """
         self.disks: Final = dict[int, SimulatedDisk]()  # those of companions in this process
         self._mission = mission
         self._folder = folder
@@ -69,7 +75,7 @@ class Harvest:
         self._links: Final = dict[int, RecordExchange]()
         self._unwritten: Final = Counter[int]()  # by vehicle, of companions that have ended and were started again
         path = None if folder is None else folder / BASE_FILE
-        self.base: Final = BaseStation(open_base(mission, path, self._draw, made_s=BASE_MADE_S, is_synced=False))
+        self.base: Final = BaseStation(open_base(mission, path, self._draw, made_s=BASE_MADE_S, is_synced=False), guard)
         self._pos_ned_m = base_place(mission, stand)
         radio.set_range(BASE_ID, mission.radio.full_range_m)
         self._over_s: float | None = None

@@ -19,6 +19,7 @@ from companion.core.stages import FLIGHT_STAGES, StageFactory
 from companion.mavlink.beacon import Reader
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.harvest import RecordLink
+from companion.mavlink.peers.guard import Guard
 from companion.sensors.table import sensors_of
 from companion.survey.of_mission import survey_of
 from mission.document.model import Mission
@@ -82,10 +83,12 @@ class InProcess:
         stages: StageFactory = FLIGHT_STAGES,
         records: RecordLink | None = None,
         disk: RecordDisk | None = None,
+        guard: Guard | None = None,
     ) -> None:
         """`beacons`: shared with the others of this process, which then decode each frame once.
 
-        `stages`: of its agent. `records`: of a mission that surveys, on `disk`.
+        `stages`: of its agent. `records`: of a mission that surveys, on `disk`. `guard`: of its radio, in a swarm
+        with keys.
         """
         self.endpoint = Endpoint(
             mission,
@@ -95,6 +98,7 @@ class InProcess:
             stages=stages,
             survey=survey_of(mission, vehicle_id),
             records=records,
+            guard=guard,
         )
         self._disk = disk
         self.endpoint.agent.waive("all")  # as `--waive all` of a companion that is a process

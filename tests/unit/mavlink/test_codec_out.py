@@ -18,7 +18,7 @@ from companion.mavlink.makes.ardupilot import ARDUPILOT
 from companion.mavlink.makes.make import REQUESTS, Make
 from companion.mavlink.makes.px4 import PX4
 from companion.mavlink.own_messages import FASTEST_MPS, FURTHEST_M
-from companion.mavlink.schema.beacon import BEACON
+from companion.mavlink.schema.tables.beacon import BEACON
 from mission.schema.tables import MAX_STOPS
 from tests.unit.core.core_kit import beacon, lease
 from tests.unit.mavlink.codec_kit import BAD_FLOATS, FRAME, INF, NAN, codec_at, heard, home, local_position, on_wire

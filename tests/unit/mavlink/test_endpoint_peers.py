@@ -76,7 +76,7 @@ def test_anything_but_a_companions_beacon_is_ignored_on_the_peers_link(data: byt
     one.from_peers(data, 10.0)
     assert one.agent.localiser.peers.neighbours((0.0, 0.0, 0.0), 10.0) == []
     assert not one.agent.swarm.started
-    assert one.datagrams_without_beacon == 1
+    assert one.peers.without_beacon == 1
 
 
 def test_own_beacon_coming_back_is_ignored() -> None:
@@ -89,7 +89,7 @@ def test_several_beacons_in_one_datagram_are_all_heard() -> None:
     one = placed()
     one.from_peers(b"\xfd" + beacon_of(5) + b"noise" + beacon_of(6), 10.0)
     assert [n.id for n in one.agent.localiser.peers.neighbours((0.0, 0.0, 0.0), 10.0)] == [5, 6]
-    assert one.datagrams_without_beacon == 0
+    assert one.peers.without_beacon == 0
 
 
 def signed(frame: bytes) -> bytes:
@@ -106,7 +106,7 @@ def test_signed_beacon_is_refused_and_an_unsigned_one_behind_it_heard() -> None:
     one.from_peers(signed(beacon_of(5, abort=True)) + beacon_of(6), 10.0)
     assert [n.id for n in one.agent.localiser.peers.neighbours((0.0, 0.0, 0.0), 10.0)] == [6]
     assert not one.agent.swarm.abort
-    assert (one.peers_gate.signed, one.peers_gate.refused) == (1, 1)
+    assert one.peers.guard.refused == {"signed": 1}
 
 
 def test_signed_frame_of_the_autopilot_is_taken_and_counted() -> None:
@@ -126,8 +126,9 @@ def test_refused_frame_leaves_no_trace() -> None:
     one.autopilot_gate = Gate(takes_signed=False)
     one.from_autopilot(b"".join(map(signed, frames)), 10.05)
     one.from_peers(signed(beacon_of(5, abort=True)) + signed(beacon_of(6, version=9)), 10.05)
-    assert (one.autopilot_gate.refused, one.peers_gate.refused) == (len(frames), 2)
-    one.autopilot_gate, one.peers_gate = untouched.autopilot_gate, untouched.peers_gate
+    assert (one.autopilot_gate.refused, one.peers.guard.refused) == (len(frames), {"signed": 2})
+    one.autopilot_gate = untouched.autopilot_gate
+    one.peers.guard.refused.clear()
     assert pickle.dumps(one) == pickle.dumps(untouched)
     for k in range(40):
         assert one.tick(10.1 + k / 20) == untouched.tick(10.1 + k / 20)
@@ -145,7 +146,7 @@ def test_beacons_of_another_version_are_counted_dropped_and_said_once_of_each_of
         for k, version in ((5, 0), (6, 255))
     ]
     assert one.codec.other_versions == 4
-    assert (one.codec.dropped, one.datagrams_without_beacon) == (0, 0)
+    assert (one.codec.dropped, one.peers.without_beacon) == (0, 0)
     assert [n.id for n in one.agent.localiser.peers.neighbours((0.0, 0.0, 0.0), 10.2)] == [7]
     assert not one.agent.swarm.abort
 

@@ -6,7 +6,7 @@ from companion.core.model.actions import Say
 from companion.core.model.states import Severity
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.framing import wire
-from companion.records.frames import RECORD_ID, encode_record, read_record
+from companion.records.frames import RECORD_ID, encode_record, is_record_frame, read_record
 from companion.records.record import Record, RecordKind
 from tests.unit.core.core_kit import mission
 from tests.unit.mavlink.endpoint_kit import COMPANION, HOME, ME, TICK_S, heartbeat, packed, position
@@ -28,6 +28,9 @@ class Noted:
 
     def append(self, kind: int, body: bytes, now_s: float) -> None:
         self.appended.append((kind, body, now_s))
+
+    def is_record(self, frame: bytes) -> bool:
+        return is_record_frame(frame)
 
     def receive(self, frame: bytes, now_s: float) -> bool:
         if read_record(frame) is None:
@@ -67,15 +70,15 @@ def test_records_of_the_peers_link_are_handed_on_beside_beacons() -> None:
 def test_a_datagram_of_records_alone_is_no_bad_one() -> None:
     one, _ = recording()
     one.from_peers(FRAME, 10.0)
-    assert one.datagrams_without_beacon == 0
+    assert one.peers.without_beacon == 0
     one.from_peers(FRAME[:-1] + b"?", 10.0)  # its checksum is wrong
-    assert one.datagrams_without_beacon == 1
+    assert one.peers.without_beacon == 1
 
 
 def test_a_companion_without_records_passes_them_over() -> None:
     one = Endpoint(mission(), ME)
     one.from_peers(FRAME + beacon_of(5), 10.0)
-    assert one.datagrams_without_beacon == 0
+    assert one.peers.without_beacon == 0
     assert one.tick(10.0).records == []
 
 

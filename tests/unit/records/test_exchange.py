@@ -240,22 +240,6 @@ def test_logs_of_one_vehicle_have_a_bound(tmp_path: Path) -> None:
     assert len({key for key in node.store.holdings() if key.vehicle_id == 2}) <= LOGS_MAX
 
 
-def test_a_signed_frame_is_refused_as_nobody_reads_its_signature(tmp_path: Path) -> None:
-    air = swarm(tmp_path, 2)
-    frame = bytearray(from_peer(RECORD_ID, encode_record(Record(2, 9, 1, RecordKind.STEM, 0.0, b"x"))))
-    frame[2] = 1
-    from fastcrc.crc16 import mcrf4xx
-
-    from companion.mavlink import dialect
-
-    crc = mcrf4xx(bytes(frame[1:-2]) + bytes([dialect.MAVLink_swarm_record_message.crc_extra]))
-    signed = bytes(frame[:-2]) + crc.to_bytes(2, "little") + bytes(13)
-    assert air.nodes[1].receive(signed, 0.0)
-    air.run(2.0)
-    assert list(air.nodes[1].store.records(RecordKind.STEM)) == []
-    assert air.nodes[1].gate.refused == 1
-
-
 def test_a_vehicle_cannot_speak_as_the_base_station(tmp_path: Path) -> None:
     air = swarm(tmp_path, 2)
     air.links = set()

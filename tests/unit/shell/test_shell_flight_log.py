@@ -112,9 +112,8 @@ def watched(
     log, lines = log_file
     endpoint: Any = SimpleNamespace(
         id=3,
-        datagrams_without_beacon=0,
         autopilot=SimpleNamespace(bad=0),
-        peers_gate=SimpleNamespace(refused=0),
+        peers=SimpleNamespace(without_beacon=0, guard=SimpleNamespace(refused={})),
         codec=SimpleNamespace(dropped=0, other_versions=0),
         foreign_autopilots=frozenset(),
         sensors=SensorInputs((), 3, {}),
@@ -166,7 +165,7 @@ def test_changes_are_logged_once(watched: Watched) -> None:
 def test_growing_counters_are_logged_every_ten_seconds_at_most(watched: Watched) -> None:
     endpoint, _, watch, lines = watched
     for k in range(int(COUNTERS_S * 20 * 2)):
-        endpoint.datagrams_without_beacon += 1
+        endpoint.peers.without_beacon += 1
         watch.log_changes(k / 20, [])
     assert len(lines()) == 2
     assert "of the peers without a beacon 201" in lines()[1]

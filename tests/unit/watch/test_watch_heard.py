@@ -15,8 +15,8 @@ from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
 from companion.mavlink.own_messages import AIRBORNE, BEACON_PAYLOAD, encode_relative_report
 from companion.mavlink.relative import RELATIVE_ID
-from companion.mavlink.schema.beacon import BEACON
-from companion.mavlink.schema.measurements import RELATIVE
+from companion.mavlink.schema.tables.beacon import BEACON
+from companion.mavlink.schema.tables.measurements import RELATIVE
 from companion.watch.alarms import Alarm, alarms
 from companion.watch.heard import Heard, Picture, Told, Vehicle
 from mission.common.frames import LocalFrame, Wgs84
@@ -108,7 +108,7 @@ def test_a_vehicle_without_satellites_is_where_it_reckons_from_its_leader_when_i
     assert late.reckoned is None  # the leader's place is old
 
 
-def test_other_messages_broken_and_signed_beacons_change_nothing() -> None:
+def test_other_messages_and_broken_beacons_change_nothing() -> None:
     one = heard((beacon(1), 0.0))
     before = one.picture(1.0)
     mav = common.MAVLink(None, srcSystem=1, srcComponent=1)
@@ -123,11 +123,16 @@ def test_other_messages_broken_and_signed_beacons_change_nothing() -> None:
     for data in (*(m.pack(mav) for m in others), good[:-1] + b"\0", good[:40], b"\xfd" * 900, from_autopilot):
         one.receive_datagram(data, 0.5)
     assert one.picture(1.0) == before
+
+
+def test_signed_beacon_is_shown_though_nobody_checks_it() -> None:
+    one = heard((beacon(1), 0.0))
+    good = beacon(2, time_ms=2000)
     signed = bytearray(good[:-2])
     signed[2] = 1
     crc = dialect.x25crc(bytes(signed[1:]) + bytes([dialect.MAVLink_swarm_beacon_message.crc_extra])).crc
     one.receive_datagram(bytes(signed) + crc.to_bytes(2, "little") + bytes(13), 0.5)
-    assert one.picture(1.0) == replace(before, refused=1)
+    assert [vehicle.id for vehicle in one.picture(1.0).vehicles] == [1, 2]
 
 
 def test_a_beacon_of_another_version_is_named_and_not_read() -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from companion.mavlink.schema.beacon import FURTHEST_M
 from companion.mavlink.schema.rows import Message, Value, field
+from companion.mavlink.schema.tables.beacon import FURTHEST_M
 
 RAYS_MAX: Final = 112  # of a lidar in a message: 253 bytes of MAVLink's 255
 ENTRY_BYTES: Final = 21  # of a vector: vehicle, log, four numbers of three bytes, a bitmap of four

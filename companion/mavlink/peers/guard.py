@@ -1,0 +1,290 @@
+"""The guard of the swarm's radio: what of it may be acted on, and how far. Signed, or open."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from dataclasses import replace
+from typing import Final, Protocol, final
+
+from companion.core.model.actions import Say
+from companion.core.model.beacon import Beacon
+from companion.core.model.states import Severity
+from companion.mavlink.beacon import Decoded
+from companion.mavlink.framing.frames import SIGNED
+from companion.mavlink.peers import manifest as manifests
+from companion.mavlink.peers.frame_mac import (
+    TIMESTAMP_MAX,
+    UNITS_PER_S,
+    epoch_of,
+    is_signed,
+    mac_holds,
+    mac_of,
+    seal,
+)
+from companion.mavlink.peers.manifest import MANIFEST_ID, Manifest
+from companion.mavlink.peers.session import Session
+from companion.mavlink.peers.stream import Stream, Word, word_of
+from companion.mavlink.schema.tables.signing import ECHOES_MAX, MACS_MAX
+
+MANIFEST_S: Final = 1.0
+NEWS_S: Final = 0.35  # a manifest goes with each beacon for so long after news: three beacons
+MEETING_S: Final = 1.0  # and after a boot that was not heard before
+ALIVE_S: Final = 1.0  # a sender that was heard within it has not begun anew: another boot is another vehicle
+CHECKS_MAX: Final = 16  # manifests of one sender that are checked in CHECKS_S: an Ed25519 signature costs 0.1 ms
+CHECKS_S: Final = 1.0
+BOOTS_MAX: Final = 2  # of one sender that are echoed: a clone's beside its own
+TOLD_S: Final = 10.0  # between two words of the same kind
+
+
+class Guard(Protocol):
+    """Decides on each valid frame of the peers' link, before anything else remembers of its sender."""
+
+    flags: int  # incompatibility flags of the frames that are sent
+    cloned: bool  # another companion flies as this vehicle
+    refused: Counter[str]  # frames, by reason
+
+    def admits(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> bool:
+        """True: this valid frame was sent by one of the swarm, now. `said`: of a beacon.
+
+        `named`: by its sender's manifests.
+        """
+
+    def take_proof(self, frame: bytes, now_s: float) -> bool:
+        """A frame that proves itself; False: it is none."""
+
+    def believe(self, decoded: Decoded, sender: int, now_s: float) -> Decoded:
+        """The part of an admitted beacon that counts: all of it, or what slows alone."""
+
+    def seal(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> bytes:
+        """A frame as it is sent. `said`: of a beacon; `named`: by the next manifest."""
+
+    def proof(self, now_s: float) -> tuple[int, bytes] | None:
+        """A message to send behind this tick's beacon: id and payload; None: not now."""
+
+    def seal_proof(self, frame: bytes) -> bytes:
+        """The frame of a message that proves itself, as it is sent."""
+
+    def take_says(self) -> list[Say]:
+        """Words for the operator, since last asked."""
+
+
+@final
+class OpenGuard:
+    """Of a radio without keys: all that is not signed counts. A signature that is not read proves nothing."""
+
+    def __init__(self) -> None:
+        self.flags = 0
+        self.cloned = False
+        self.refused: Counter[str] = Counter()
+
+    def admits(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> bool:  # noqa: ARG002
+        if is_signed(frame):
+            self.refused["signed"] += 1
+            return False
+        return True
+
+    def take_proof(self, frame: bytes, now_s: float) -> bool:  # noqa: ARG002
+        return False
+
+    def believe(self, decoded: Decoded, sender: int, now_s: float) -> Decoded:  # noqa: ARG002
+        return decoded
+
+    def seal(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> bytes:  # noqa: ARG002
+        return frame
+
+    def proof(self, now_s: float) -> tuple[int, bytes] | None:  # noqa: ARG002
+        return None
+
+    def seal_proof(self, frame: bytes) -> bytes:
+        return frame
+
+    def take_says(self) -> list[Say]:
+        return []
+
+
+@final
+class SignedGuard:
+    """Of a swarm with keys. Tables are bounded by the fleet's: of a sender without a public key nothing is kept."""
+
+    def __init__(self, session: Session) -> None:
+        self.flags = SIGNED
+        self.refused: Counter[str] = Counter()
+        self.cloned = False
+        self._session = session
+        self._streams: dict[int, Stream] = {}
+        self._boots: dict[int, list[int]] = {}  # by sender, newest last: to be echoed
+        self._turn = 0  # of the echoes
+        self._checks: dict[int, tuple[float, int]] = {}  # by sender: since when, how many
+        self._own_key = session.stream_key(session.active, session.me, session.boot) or b""
+        self._timestamp = 0
+        self._sent: deque[tuple[int, bytes]] = deque(maxlen=MACS_MAX)  # named by the next manifest
+        self._unnamed = 0  # sent since the last one
+        self._word: Word | None = None  # of the last own beacon
+        self._manifest_s = -math.inf
+        self._urgent_until_s = -math.inf
+        self._says: list[Say] = []
+        self._told_s: dict[str, float] = {}
+
+    # --- in ---
+
+    def admits(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> bool:
+        sender = frame[5]
+        refusal = self._refusal(frame, sender, now_s)
+        if refusal:
+            self.refused[refusal] += 1
+            return False
+        stream = self._streams[sender]
+        if named:
+            stream.take_frame(frame, said, now_s)
+        else:
+            stream.take_unnamed(frame, now_s)
+        return True
+
+    def _refusal(self, frame: bytes, sender: int, now_s: float) -> str:
+        if not is_signed(frame):
+            self._report_text(f"vehicle {sender} sends unsigned frames: ignored", now_s)
+            return "unsigned"
+        if sender == self._session.me:
+            return "own"
+        stream = self._streams.get(sender)
+        if stream is None:
+            return "not met"
+        return stream.refusal(frame, self._session, sender, now_s)
+
+    def take_proof(self, frame: bytes, now_s: float) -> bool:
+        found = manifests.read_manifest(frame)
+        if found is None:
+            return False
+        sender, session = frame[5], self._session
+        key = session.keys.get(epoch_of(frame)) if is_signed(frame) else None
+        if key is None or not mac_holds(frame, key):
+            self.refused["forged manifest"] += 1
+            self._report_text(f"vehicle {sender} has another key, or another mission file: ignored", now_s)
+        elif self._is_due(sender, found[0], now_s):
+            if manifests.holds(session.verifiers[sender], found[1], found[2]):
+                self._take_manifest(sender, found[0], now_s)
+            else:
+                self.refused["forged manifest"] += 1
+        return True
+
+    def _is_due(self, sender: int, manifest: Manifest, now_s: float) -> bool:
+        """The signature is worth its time: of a member, newer than the last, and not one of a flood."""
+        if sender not in self._session.verifiers:
+            self.refused["of no member"] += 1
+            self._report_text(f"vehicle {sender} is not of this fleet, or revoked: ignored", now_s)
+            return False
+        stream = self._streams.get(sender)
+        if stream is not None and manifest.boot == stream.boot and manifest.last <= stream.vouched:
+            self.refused["repeated"] += 1
+            return False
+        if sender == self._session.me and manifest.boot == self._session.boot:
+            self.refused["own"] += 1
+            return False
+        since_s, count = self._checks.get(sender, (-math.inf, 0))
+        if now_s - since_s >= CHECKS_S:
+            since_s, count = now_s, 0
+        self._checks[sender] = (since_s, count + 1)
+        if count >= CHECKS_MAX:
+            self.refused["too many manifests"] += 1
+            return False
+        return True
+
+    def _take_manifest(self, sender: int, manifest: Manifest, now_s: float) -> None:
+        """A genuine one, perhaps of an earlier flight."""
+        session, stream = self._session, self._streams.get(sender)
+        is_new = (session.me, session.boot) in manifest.echoes
+        if sender == session.me:
+            self._note_boot(sender, manifest.boot, now_s)
+            if is_new:  # it hears this vehicle, and has its key
+                self.cloned = True
+                self._report_text(f"another companion flies as vehicle {sender}", now_s, Severity.CRITICAL)
+            return
+        if stream is None or stream.boot != manifest.boot:
+            self._note_boot(sender, manifest.boot, now_s)
+            if not is_new:
+                self.refused["not met"] += 1
+                return
+            if stream is not None and now_s - stream.heard_s < ALIVE_S:
+                self.refused["twice"] += 1
+                self._report_text(f"vehicle {sender} is there twice: the later is ignored", now_s, Severity.CRITICAL)
+                return
+            stream = self._streams[sender] = Stream(manifest.boot, manifest.last, now_s)
+        if not stream.vouch(manifest, now_s):
+            self.refused["disowned"] += 1
+            self._report_text(f"somebody speaks as vehicle {sender}: it only slows", now_s, Severity.CRITICAL)
+
+    def _note_boot(self, sender: int, boot: int, now_s: float) -> None:
+        boots = self._boots.setdefault(sender, [])
+        if boot not in boots:
+            boots.append(boot)
+            del boots[:-BOOTS_MAX]
+            self._urgent_until_s = now_s + MEETING_S
+
+    def believe(self, decoded: Decoded, sender: int, now_s: float) -> Decoded:
+        said, stream = decoded.said, self._streams.get(sender)
+        if said is None or stream is None or stream.is_proven(word_of(said), now_s):
+            return decoded
+        return Decoded(decoded.version, without_word(said), decoded.pos_ned_m)
+
+    # --- out ---
+
+    def seal(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> bytes:
+        self._count_up(now_s)
+        sealed = seal(frame, self._own_key, self._session.active, self._timestamp)
+        if named:
+            self._sent.append((self._timestamp, mac_of(sealed)))
+            self._unnamed += 1
+        if said is not None:
+            word = word_of(said)
+            if word != self._word:
+                self._word, self._urgent_until_s = word, max(self._urgent_until_s, now_s + NEWS_S)
+        return sealed
+
+    def proof(self, now_s: float) -> tuple[int, bytes] | None:
+        is_due = now_s - self._manifest_s >= MANIFEST_S or self._unnamed >= MACS_MAX - 2
+        if not (is_due or now_s < self._urgent_until_s):
+            return None
+        self._count_up(now_s)
+        self._manifest_s, self._unnamed = now_s, 0
+        boots = [(sender, boot) for sender, known in sorted(self._boots.items()) for boot in known]
+        turn = self._turn % max(1, len(boots))
+        self._turn = turn + ECHOES_MAX
+        stamps, macs = [at for at, _ in self._sent], [mac for _, mac in self._sent]
+        first = stamps[0] if stamps else self._timestamp
+        named = Manifest(self._session.boot, first, self._timestamp, macs, (boots[turn:] + boots[:turn])[:ECHOES_MAX])
+        return MANIFEST_ID, manifests.encode_manifest(named, self._session.me, self._session.signer)
+
+    def seal_proof(self, frame: bytes) -> bytes:
+        session = self._session
+        return seal(frame, session.keys[session.active], session.active, self._timestamp)
+
+    def take_says(self) -> list[Say]:
+        says, self._says = self._says, []
+        return says
+
+    def _count_up(self, now_s: float) -> None:
+        self._timestamp = min(max(self._timestamp + 1, int(now_s * UNITS_PER_S)), TIMESTAMP_MAX)
+
+    def _report_text(self, text: str, now_s: float, severity: Severity = Severity.WARNING) -> None:
+        if now_s - self._told_s.get(text, -math.inf) >= TOLD_S and len(self._told_s) < 1024:
+            self._told_s[text] = now_s
+            self._says.append(Say(severity, text))
+
+
+def without_word(said: Beacon) -> Beacon:
+    """The same, of which only place, velocity and what slows are left: no leader, phase, order, or other vehicle."""
+    return replace(
+        said,
+        lease=None,
+        candidate=None,
+        dest_ned_m=None,
+        sighting=None,
+        agreed=False,
+        start=False,
+        abort=False,
+        done=0,
+        present=0,
+        flown=0,
+        parent=0,
+    )

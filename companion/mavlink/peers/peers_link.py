@@ -1,0 +1,118 @@
+"""The peers' link of one companion: datagrams of the radio in, beacons and reports out; frames to send."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, final
+
+from companion.core.model.actions import Say
+from companion.core.model.beacon import Beacon, RelativeReport
+from companion.core.model.states import Severity
+from companion.mavlink import beacon as swarm_beacon
+from companion.mavlink.beacon import COMPONENT, Decoded, Reader
+from companion.mavlink.framing import wire
+from companion.mavlink.framing.frames import source
+from companion.mavlink.harvest import RecordLink
+from companion.mavlink.own_messages import encode_relative_report
+from companion.mavlink.peers.guard import Guard
+from companion.mavlink.relative import RELATIVE_ID, read_relative_report
+
+REFUSED: Final = Decoded(0, None, (0.0, 0.0, 0.0))  # in the place of a beacon
+
+Heard = RelativeReport | tuple[int, Decoded]  # a beacon: its sender's system id, and what of it counts
+
+
+@final
+class PeersLink:
+    """Whose frames its guard admits. Times are the local clock's, s."""
+
+    def __init__(
+        self, vehicle_id: int, reader: Reader, guard: Guard, records: RecordLink | None, *, ranging: bool
+    ) -> None:
+        """`records`: takes the frames of records; `ranging`: SWARM_RELATIVE goes with beacons."""
+        self.guard: Final = guard
+        self.without_beacon = 0  # datagrams
+        self._reader: Final = reader
+        self._records: Final = records
+        self._ranging: Final = ranging
+        self._sender: Final = wire.Sender(vehicle_id, COMPONENT, guard.flags)
+
+    def read_datagram(self, data: bytes, now_s: float) -> Sequence[Heard]:
+        """The reports in it, then the beacons; what proves or records is acted on as it comes."""
+        one = _Datagram(self._reader, self.guard, self._records, now_s, ranging=self._ranging)
+        beacons = swarm_beacon.read_each(data, one.read_beacon, one.take_frame)
+        heard: list[Heard] = [*one.reports]
+        for sender, _, decoded in beacons:
+            if decoded is not REFUSED:
+                heard.append((sender, self.guard.believe(decoded, sender, now_s)))  # by the proof that came with it
+        if not beacons and not one.others:
+            self.without_beacon += 1
+        return heard
+
+    # --- out ---
+
+    def send_beacon(self, said: Beacon, payload: bytes, word: RelativeReport | None, now_s: float) -> list[bytes]:
+        """Frames of a beacon, with what goes before it in a GNSS-denied swarm. `payload`: its own, encoded."""
+        frames = []
+        if word is not None:
+            frames.append(self.guard.seal(self._sender.frame(RELATIVE_ID, encode_relative_report(word)), now_s))
+        frames.append(self.guard.seal(self._sender.frame(swarm_beacon.MESSAGE_ID, payload), now_s, said))
+        return frames
+
+    def prove(self, now_s: float) -> list[bytes]:
+        """Frames to send behind this tick's beacon."""
+        proof = self.guard.proof(now_s)
+        return [] if proof is None else [self.guard.seal_proof(self._sender.frame(*proof))]
+
+    def send_records(self, now_s: float, beacon_bytes: int) -> list[bytes]:
+        """Frames of records, each a datagram, behind so many bytes of beacons."""
+        if self._records is None:
+            return []
+        frames = self._records.frames(now_s, beacon_bytes)
+        return [self.guard.seal(self._sender.frame(*frame), now_s, named=False) for frame in frames]
+
+    def take_says(self) -> list[Say]:
+        """Words for the operator, since last asked."""
+        lines = [] if self._records is None else self._records.lines()
+        return [*(Say(Severity.WARNING, line) for line in lines), *self.guard.take_says()]
+
+
+class _Datagram:
+    """One datagram while it is read: its frames pass the guard in the order in which they were sent."""
+
+    __slots__ = ("_guard", "_now_s", "_ranging", "_reader", "_records", "others", "reports")
+
+    def __init__(
+        self, reader: Reader, guard: Guard, records: RecordLink | None, now_s: float, *, ranging: bool
+    ) -> None:
+        self.reports: list[RelativeReport] = []
+        self.others = 0  # valid frames that are neither reports nor beacons
+        self._reader = reader
+        self._guard = guard
+        self._records = records
+        self._now_s = now_s
+        self._ranging = ranging
+
+    def read_beacon(self, frame: bytes) -> Decoded | None:
+        """A frame with a beacon's id -> its beacon, or REFUSED; None: it is not valid."""
+        decoded = self._reader.decode_frame(frame)
+        if decoded is None or self._guard.admits(frame, self._now_s, decoded.said):
+            return decoded
+        return REFUSED
+
+    def take_frame(self, frame: bytes) -> bool:
+        """A frame beside beacons; True: it is valid, and there is no need to look into it."""
+        guard, records, now_s = self._guard, self._records, self._now_s
+        if guard.take_proof(frame, now_s):
+            self.others += 1
+            return True
+        if records is not None and records.is_record(frame):
+            taken = guard.admits(frame, now_s, named=False) and records.receive(frame, now_s)
+            self.others += taken
+            return taken
+        report = read_relative_report(frame) if self._ranging else None
+        if report is None:
+            return False
+        if source(frame)[1] == COMPONENT and guard.admits(frame, now_s):
+            self.reports.append(report)
+        return True

@@ -1,0 +1,114 @@
+"""One boot of one sender: which of its frames are new, and what of them it has vouched for."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from typing import Final, final
+
+from companion.core.model.beacon import Beacon
+from companion.mavlink.peers.frame_mac import UNITS_PER_S, epoch_of, mac_holds, mac_of, timestamp_of
+from companion.mavlink.peers.manifest import Manifest
+from companion.mavlink.peers.session import Session
+
+AHEAD_S: Final = 3.0  # a sender's clock may be ahead of its last frame, beyond the time since: late frames, and drift
+DRIFT: Final = 1.001  # of two clocks, ten times what crystals have
+PROVEN_S: Final = 5.0  # a manifest vouches for so long: at 50 % loss one of them comes in 97 %
+DISPUTED_S: Final = 3.0  # after a frame that its sender does not vouch for
+HEARD_MAX: Final = 64  # frames that wait for their manifest
+
+Word = tuple[int, ...]  # a beacon's, of leader and phase; see `word_of`
+
+
+def word_of(said: Beacon) -> Word:
+    """The part of a beacon that moves a swarm: it counts once its sender has vouched for it."""
+    lease = said.lease
+    if lease is None:
+        return (0, 0, 0, 0, 0, 0, said.phase, said.stop, said.flown)
+    claim = (lease.leader, lease.priority, int(lease.established), lease.heir, lease.ends, int(lease.quorum))
+    return (*claim, said.phase, said.stop, said.flown)
+
+
+@final
+class Stream:
+    """Of one boot of one sender, known to be no recording. Times are the local clock's, s."""
+
+    __slots__ = (
+        "_disputed_until_s",
+        "_heard",
+        "_keys",
+        "_mark",
+        "_mark_s",
+        "_proven_s",
+        "_word",
+        "boot",
+        "heard_s",
+        "vouched",
+    )
+
+    def __init__(self, boot: int, mark: int, now_s: float) -> None:
+        """`mark`: timestamp of the last frame that its manifest names; only newer ones count."""
+        self.boot: Final = boot
+        self.heard_s = now_s  # its last frame that was taken
+        self.vouched = -1  # `last` of its newest manifest
+        self._mark, self._mark_s = mark, now_s
+        self._keys: dict[int, bytes] = {}  # by epoch
+        self._heard: deque[tuple[int, bytes, Word | None]] = deque(maxlen=HEARD_MAX)
+        self._proven_s = -math.inf
+        self._disputed_until_s = -math.inf
+        self._word: Word | None = None  # the newest that it has vouched for
+
+    def refusal(self, frame: bytes, session: Session, sender: int, now_s: float) -> str:
+        """The reason not to take this signed frame; empty: it was made by one of the swarm, in this boot, and is new.
+
+        The MAC comes first, and nothing is remembered of what it does not hold for.
+        """
+        epoch = epoch_of(frame)
+        key = self._keys.get(epoch) or session.stream_key(epoch, sender, self.boot)
+        if key is None:
+            return "of an unknown epoch"
+        if not mac_holds(frame, key):
+            return "forged, or of another boot"
+        self._keys[epoch] = key
+        timestamp = timestamp_of(frame)
+        if timestamp <= self._mark:
+            return "repeated"
+        if timestamp - self._mark > (AHEAD_S + DRIFT * (now_s - self._mark_s)) * UNITS_PER_S:
+            return "ahead of its sender's clock"
+        return ""
+
+    def take_frame(self, frame: bytes, said: Beacon | None, now_s: float) -> None:
+        """A frame that nothing speaks against; `said`: of a beacon."""
+        self._mark, self._mark_s = timestamp_of(frame), now_s
+        self.heard_s = now_s
+        self._heard.append((self._mark, mac_of(frame), None if said is None else word_of(said)))
+
+    def take_unnamed(self, frame: bytes, now_s: float) -> None:
+        """The same, of a message that manifests do not name."""
+        self._mark, self._mark_s = timestamp_of(frame), now_s
+        self.heard_s = now_s
+
+    def vouch(self, manifest: Manifest, now_s: float) -> bool:
+        """Its newest manifest. False: somebody else has made frames in its name."""
+        self.vouched = manifest.last
+        first, last = manifest.first, manifest.last
+        named = frozenset(manifest.macs)
+        clean = all(mac in named for at, mac, _ in self._heard if first <= at <= last)
+        if clean:
+            self._proven_s = now_s
+            words: Sequence[Word] = [w for at, _, w in self._heard if first <= at <= last and w is not None]
+            if words:
+                self._word = words[-1]
+        else:
+            # What was taken may be the other's: go on from what the sender itself says that it has sent.
+            self._mark, self._mark_s = last, now_s
+            self._proven_s = -math.inf
+            self._disputed_until_s = now_s + DISPUTED_S
+        while self._heard and (self._heard[0][0] <= last or not clean):
+            self._heard.popleft()
+        return clean
+
+    def is_proven(self, word: Word, now_s: float) -> bool:
+        """The sender vouches for its frames, and has vouched for this word."""
+        return word == self._word and now_s - self._proven_s <= PROVEN_S and now_s >= self._disputed_until_s
