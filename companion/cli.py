@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from companion import help_texts
+from companion.keys.options import add_key_commands
 from companion.lidar.options import MODEL_NAMES, RAW_NAMES, parse_band, parse_mask
 from companion.sensor_options import add_sensor_options
 from companion.shell.urls import AUTOPILOT_SCHEMES, HEARING_SCHEMES, PEERS_SCHEMES, Scheme, Url, UrlError, parse_url
@@ -95,6 +96,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_lidar(commands)
     _add_base(commands)
     _add_stand(commands)
+    add_key_commands(commands)
     add_examples(parser, help_texts.EXAMPLES)
     return parser
 
@@ -117,7 +119,7 @@ def _add_preflight(commands: argparse._SubParsersAction[argparse.ArgumentParser]
     preflight.add_argument(
         "--apply", action="store_true", help="set wrong parameters and the fence, and read them back; never while armed"
     )
-    preflight.add_argument("--key", metavar="FILE", help="the swarm's key, to be checked as a file")
+    preflight.add_argument("--key", metavar="FILE", help="this vehicle's key file, to be checked")
     preflight.add_argument("--report", metavar="FILE", help="write the report to FILE, for `companion run --preflight`")
     preflight.add_argument("--json", action="store_true", help="print the report as JSON instead of a table")
 
@@ -134,6 +136,7 @@ def _add_doctor(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     doctor.add_argument("--autopilot", type=_url(AUTOPILOT_SCHEMES), metavar="URL", help="listen there for heartbeats")
     doctor.add_argument("--peers", type=_url(PEERS_SCHEMES), metavar="URL", help="listen there for other companions")
     add_sensor_options(doctor, "listen there for a sensor's driver; may be repeated")
+    doctor.add_argument("--key", metavar="FILE", help="check this key file, and show whose it is")
     doctor.add_argument("--json", action="store_true", help="print JSON instead of a table")
 
 
@@ -297,6 +300,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         from companion.base.command import base
 
         return base(arguments)
+    if arguments.command == "key":
+        from companion.keys.command import key
+
+        return key(arguments)
     gc.disable()  # what loading makes stays
     from companion import run_command
 

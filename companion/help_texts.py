@@ -122,6 +122,14 @@ Ends with Ctrl-C. docs/how-to/collect-records.md has more.
 exit codes: 0 ended by SIGINT or SIGTERM, 2 wrong usage or a bad file, 3 a port or a file that cannot be opened
 """
 EXAMPLES = {
+    "key": ("companion key new fleet --vehicles 5", "companion key show-id fleet/vehicle-3.key"),
+    "key new": ("companion key new fleet --vehicles 5", "companion key new /media/safe/forest --vehicles 12"),
+    "key show-id": (
+        "companion key show-id fleet/vehicle-3.key",
+        "sudo companion key show-id /etc/understory/vehicle.key",
+    ),
+    "key rotate": ("companion key rotate fleet", "companion key rotate fleet --finish"),
+    "key revoke": ("companion key revoke fleet 3", "companion key revoke /media/safe/forest 12"),
     "base": (
         "companion base forest.toml --listen udpbcast://192.168.4.255:14660 --records forest.db",
         "companion base forest.toml --listen udpin://0.0.0.0:14660 --records forest.db",
