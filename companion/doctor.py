@@ -23,7 +23,7 @@ from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
 from companion.mavlink.framing.frames import Framing
 from companion.mavlink.makes import MAKES
-from companion.preflight.computer import check_disk, check_monotonic
+from companion.preflight.computer import check_disk, check_key, check_monotonic
 from companion.preflight.listen import SensorWindow, listen
 from companion.preflight.report import Check, Verdict, check_of
 from companion.preflight.table import table
@@ -34,7 +34,7 @@ from mission import __version__
 from mission.common.compiled import STATE
 from mission.common.problems import printable
 
-PACKAGES = ("cbor2", "pymavlink", "fastcrc", "pydantic", "pyserial", "psutil", "mavsdk", "shtab")
+PACKAGES = ("cbor2", "cryptography", "pymavlink", "fastcrc", "pydantic", "pyserial", "psutil", "mavsdk", "shtab")
 PYTHON_MIN = (3, 11)
 LISTEN_S = 3.0  # an autopilot sends a heartbeat a second, a companion ten beacons
 COMMAND_S = 5.0
@@ -50,7 +50,7 @@ SLOW_GOVERNORS = frozenset({"powersave", "conservative"})
 
 def doctor(arguments: argparse.Namespace) -> int:
     """Prints what it finds; exit code 1 when there is a problem."""
-    checks = tuple(examine(arguments.autopilot, arguments.peers, arguments.sensors))
+    checks = tuple(examine(arguments.autopilot, arguments.peers, arguments.sensors, arguments.key))
     problems = [check.name for check in checks if check.verdict is Verdict.FAIL]
     if arguments.json:
         print(
@@ -61,7 +61,9 @@ def doctor(arguments: argparse.Namespace) -> int:
     return 1 if problems else 0
 
 
-def examine(autopilot: Url | None, peers: Url | None, sensors: Mapping[str, Url] = NO_SENSORS) -> Iterator[Check]:
+def examine(
+    autopilot: Url | None, peers: Url | None, sensors: Mapping[str, Url] = NO_SENSORS, key: str | None = None
+) -> Iterator[Check]:
     """All rows."""
     yield versions()
     yield from serial_ports()
@@ -74,6 +76,8 @@ def examine(autopilot: Url | None, peers: Url | None, sensors: Mapping[str, Url]
         yield peers_link(peers)
     for name, url in sensors.items():
         yield from sensor_link(name, url)
+    if key is not None:
+        yield check_key(key, None)
     yield wall_clock()
     yield check_monotonic()
     yield check_disk(Path.cwd())

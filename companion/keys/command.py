@@ -90,9 +90,7 @@ def _revoke(arguments: argparse.Namespace) -> int:
         print(f"completed what was interrupted; vehicle {vehicle} is NOT revoked yet")
         _print_step(arguments.folder, fleet)
         return EXIT_NOT_YET
-    print(
-        f"vehicle {vehicle} is revoked: its file is deleted, and its own signature is worth nothing where the new files are"
-    )
+    print(f"vehicle {vehicle} is revoked: its file is deleted, its signature is worth nothing where the new files are")
     print("with the swarm's secret it can still sign frames as one of the swarm, until the third step is installed")
     _print_step(arguments.folder, fleet)
     return EXIT_DONE

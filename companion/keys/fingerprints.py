@@ -15,7 +15,7 @@ GROUP = 4  # digits
 def fingerprint(kind: str, data: bytes) -> str:
     """Five groups of four hexadecimal digits, of SHA-256. Of 32 secret random bytes it tells nothing."""
     digits = hashlib.sha256(f"understory fingerprint 1 {kind}\n".encode() + data).digest()[:BYTES].hex()
-    return "-".join(digits[at : at + GROUP] for at in range(0, len(digits), GROUP))
+    return ":".join(digits[at : at + GROUP] for at in range(0, len(digits), GROUP))
 
 
 def public_fingerprint(key: bytes) -> str:

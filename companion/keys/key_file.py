@@ -176,8 +176,8 @@ def _check_whole(keyring: Keyring, place: str) -> None:
         )
     if public_key(keyring.seed) != named[keyring.owner]:
         raise KeyFileError(
-            f"{place}: {names[keyring.owner]}: is not the public key of seed: the file is {owner_name(keyring.owner)}'s, "
-            "with another's private key"
+            f"{place}: {names[keyring.owner]}: is not the public key of seed: the file is "
+            f"{owner_name(keyring.owner)}'s, with another's private key"
         )
 
 

@@ -103,7 +103,7 @@ def _report(
         Check(name="mission", verdict=Verdict.PASS, found=f"sha256 {sha256[:16]}", wanted="valid, with an origin"),
         *judge(survey, mission, arguments.id, apply=arguments.apply),
         *sensors,
-        check_key(arguments.key),
+        check_key(arguments.key, arguments.id, mission.swarm.size),
         check_disk(folder),
         check_monotonic(),
     )

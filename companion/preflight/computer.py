@@ -2,57 +2,45 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-import stat
 import time
 from pathlib import Path
 
+from companion.keys.fingerprints import summary
+from companion.keys.key_file import KeyFileError, load_keyring, owner_name
+from companion.keys.process import harden_process
 from companion.preflight.report import Check, Verdict
 from mission.common.problems import printable
 
-KEY_BYTES = 32
 DISK_FREE_MIN_BYTES = 500_000_000  # a flight log is small; what else runs on this board is not known
 RESOLUTION_MAX_S = 1e-3  # a tick is 50 ms
 
 
-def check_key(path: str | None) -> Check:
-    """A file of 32 random bytes that is this user's alone. Its content is not shown."""
-    wanted = f"{KEY_BYTES} random bytes, mode 0600, owned by this user"
+def check_key(path: str | None, owner: int | None, size: int = 0) -> Check:
+    """A key file that is this user's alone, and `owner`'s (None: whoever's); no secret of it is shown.
+
+    `size`: of the mission's swarm; vehicles of it that have no key, as after one was revoked, are a warning.
+    """
+    whose = "a" if owner is None else f"{owner_name(owner)}'s"
+    wanted = f"{whose} key file, mode 0600, this user's"
     if path is None:
         return Check(
-            name="key", verdict=Verdict.WARN, found="none given (--key)", wanted=wanted, fix="beacons are not signed"
+            name="key", verdict=Verdict.WARN, found="none given (--key)", wanted=wanted, fix="frames are not signed"
         )
-    wrong = _wrong_with_key(path)
+    harden_process()
+    try:
+        keyring = load_keyring(path, owner)
+    except KeyFileError as error:
+        fix = "docs/how-to/keys.md: `companion key new` makes a fleet's files, each vehicle has its own"
+        return Check(name="key", verdict=Verdict.FAIL, found=str(error), wanted=wanted, fix=fix)
+    without = ", ".join(str(vehicle) for vehicle in range(1, size + 1) if vehicle not in keyring.vehicles)
     return Check(
         name="key",
-        verdict=Verdict.FAIL if wrong else Verdict.PASS,
-        found=wrong or "as wanted",
+        verdict=Verdict.WARN if without else Verdict.PASS,
+        found=summary(keyring) + (f"; no key of vehicle {without}" if without else ""),
         wanted=wanted,
-        fix=f"(umask 177; head -c {KEY_BYTES} /dev/urandom > KEY), the same on every vehicle" if wrong else "",
+        fix="revoked, or of another fleet: what they send is not accepted" if without else "",
     )
-
-
-def _wrong_with_key(path: str) -> str:
-    try:
-        fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    except (OSError, ValueError) as error:
-        return f"{printable(path)}: {(isinstance(error, OSError) and error.strerror) or error}"
-    try:
-        status = os.fstat(fd)
-        if not stat.S_ISREG(status.st_mode):
-            return "not a regular file"
-        if status.st_uid != os.geteuid():
-            return f"owned by user {status.st_uid}, this is {os.geteuid()}"
-        if stat.S_IMODE(status.st_mode) != 0o600:
-            return f"mode {stat.S_IMODE(status.st_mode):04o}"
-        if status.st_size != KEY_BYTES:
-            return f"{status.st_size} bytes"
-        if len(set(os.read(fd, KEY_BYTES))) < KEY_BYTES // 4:  # 32 random bytes have 30 different ones on average
-            return "not random"
-    finally:
-        os.close(fd)
-    return ""
 
 
 def check_disk(folder: Path) -> Check:
