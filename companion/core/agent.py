@@ -13,7 +13,7 @@ from companion.core.localisation.makes import build_localiser
 from companion.core.model.actions import Action, Say, SendBeacon, SendOdometry, VelocitySetpoint, brief
 from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import Event, HeardBeacon, OperatorOrder, Position, Ranges, Satellites, Scan
-from companion.core.model.states import NOT_YET_FLYING, FlightState, Order, Role, Severity, SwarmPhase
+from companion.core.model.states import NOT_YET_FLYING, BeaconFate, FlightState, Order, Role, Severity, SwarmPhase
 from companion.core.model.vectors import ZERO, add
 from companion.core.perception.obstacle_cloud import find_hovering
 from companion.core.perception.obstacle_perception import build_perception
@@ -57,8 +57,7 @@ class Agent:
         self.setpoint = AT_REST  # the last that went out
         self.flight = Flight(mission.route.d1_enu_m[2], self.sensors)
         self._ticks_per_beacon = round(TICK_HZ / mission.radio.beacon_rate_hz)
-        self._ticks = 0
-        self._sent_early = False  # a beacon before its time, in this period
+        self._ticks, self._sent_early = 0, False  # a beacon before its time, in this period
         self._last_tick_s: float | None = None
         self._says: list[Say] = []
         self._waived = ""  # checks of the preflight that an operator took as accepted
@@ -77,7 +76,7 @@ class Agent:
         """Store one event; `now_s` is its local time of arrival."""
         match event:
             case HeardBeacon():
-                self._receive_beacon(event, now_s)
+                self.receive_beacon(event, now_s)
             case OperatorOrder(order):
                 self._obey(order)
             case Position():
@@ -96,6 +95,18 @@ class Agent:
                     self.perception.integrate_scan(event, self._true(own), now_s, neighbours)
             case _:
                 self.flight.receive(event, now_s)
+
+    def receive_beacon(self, heard: HeardBeacon, now_s: float) -> BeaconFate:
+        """As `receive`, of a beacon; whether it counts."""
+        own, sender = self.flight.vehicle.position, heard.said.sender
+        if own is None or sender == self.id or not self.swarm.has(sender):
+            return BeaconFate.UNPLACED if own is None else BeaconFate.NO_MEMBER
+        said = self.swarm.sanitise_beacon(heard.said)
+        heard = heard if said is heard.said else HeardBeacon(said, heard.rel_ned_m)
+        if not self.localiser.receive_beacon(heard, own.pos_ned_m, now_s):
+            return BeaconFate.NO_NEWS
+        self.swarm.receive_beacon(said, now_s)
+        return BeaconFate.KEPT
 
     def tick(self, now_s: float) -> list[Action]:
         """Decide: what to send to the neighbours, to the autopilot and to the operator."""
@@ -263,16 +274,6 @@ class Agent:
         )
 
     # --- what comes in ---
-
-    def _receive_beacon(self, heard: HeardBeacon, now_s: float) -> None:
-        own, sender = self.flight.vehicle.position, heard.said.sender
-        if own is None or sender == self.id or not self.swarm.has(sender):
-            return
-        said = self.swarm.sanitise_beacon(heard.said)
-        if said is not heard.said:
-            heard = HeardBeacon(said, heard.rel_ned_m)
-        if self.localiser.receive_beacon(heard, own.pos_ned_m, now_s):
-            self.swarm.receive_beacon(said, now_s)
 
     def _obey(self, order: Order) -> None:
         match order:
