@@ -60,6 +60,11 @@ COMPILED = {
     "companion.mavlink.native": (
         "companion/mavlink/*.py",
         "companion/mavlink/framing/*.py",
+        "companion/journal/channels.py",
+        "companion/journal/journal.py",
+        "companion/journal/mcap.py",
+        "companion/journal/recorder.py",
+        "companion/journal/tape.py",
         "companion/sensors/scans.py",
         "companion/sensors/lidar_pieces.py",
         "companion/survey/ground.py",

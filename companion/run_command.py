@@ -12,10 +12,12 @@ import traceback
 from contextlib import ExitStack
 from datetime import UTC, datetime
 
+from companion.journal.recorder import BlackBox, Recorder, start_body
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.harvest import RecordLink
-from companion.preflight.report import clearance
+from companion.preflight.report import Clearance, clearance
 from companion.sensors.table import SENSORS, sensors_of
+from companion.shell.black_box import box_folder, open_black_box, read_mission_file
 from companion.shell.flight_log import ChangeLogger, FlightLog, summary
 from companion.shell.links import Link, LinkError, open_link
 from companion.shell.runner import Runner, Stop
@@ -121,6 +123,9 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
             EXIT_ENVIRONMENT,
             f"the mission has [survey], which needs {error.name}: pip install 'understory-uav[survey]'",
         ) from None
+    records = _records(arguments, mission, opened, log)
+    cleared = clearance(arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time())
+    box = _black_box(arguments, mission, cleared)
     endpoint = Endpoint(
         mission,
         arguments.id,
@@ -128,15 +133,15 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
         autopilot_is_stream=arguments.autopilot.scheme is Scheme.SERIAL,
         sensor_streams={name: url.scheme is Scheme.SERIAL for name, url in urls.items()},
         survey=survey,
-        records=_records(arguments, mission, opened, log),
+        records=records if box is None else box.record_link(records),
     )
-    cleared = clearance(arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time())
     endpoint.agent.ground(cleared.grounded)
     endpoint.agent.waive(",".join(cleared.waived), cleared.unknown)
     changes = ChangeLogger(log, endpoint, autopilot, peers, sensors)
     service = Service(os.environ, os.getpid())
     opened.callback(service.close)
-    runner = Runner(endpoint, autopilot, peers, changes, stop, service, sensors)
+    recorder = None if box is None else box.record_endpoint(endpoint)
+    runner = Runner(endpoint, autopilot, peers, changes, stop, service, sensors, recorder)
     log.line(None, _start_line(arguments, mission))
     for link, url in ((autopilot, arguments.autopilot), *((link, urls[name]) for name, link in sensors.items())):
         if not link.up:  # USB is late at boot; the companion says so in its status too
@@ -160,9 +165,11 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
             runner.by_monotonic()
     except Exception:  # noqa: BLE001  not swallowed: the process ends here, and setpoints with it
         log.broken(runner.now_s, traceback.format_exc())
+        _close(recorder, "broken", changes, runner)
         return EXIT_BROKEN
     service.stopping()
     changes.log_records(runner.now_s)
+    _close(recorder, f"stopped by {stop.reason}", changes, runner)
     log.line(
         runner.now_s,
         f"stopped by {stop.reason}, nothing is commanded any more; ticks {runner.ticks}, "
@@ -181,6 +188,40 @@ def _records(arguments: argparse.Namespace, mission: Mission, opened: ExitStack,
     records = records_of(mission, arguments.id, path, opened, beside_loop=arguments.clock == "monotonic")
     log.line(None, f"records in {path}: {records.progress()}")
     return records
+
+
+def _black_box(arguments: argparse.Namespace, mission: Mission, cleared: Clearance) -> BlackBox | None:
+    """A black box, where one is asked for, or the service has a place for it. No disk keeps a flight from starting."""
+    folder = box_folder(arguments.black_box)
+    if folder is None:
+        return None
+    text, sha256 = read_mission_file(arguments.mission)
+    urls: dict[str, Url] = arguments.sensors
+    start = start_body(
+        mission,
+        text,
+        sha256,
+        arguments.id,
+        sensors=[name for name, kind in SENSORS.items() if kind.is_flown(mission)],
+        clock=arguments.clock,
+        started=datetime.now(UTC),
+        autopilot_is_stream=arguments.autopilot.scheme is Scheme.SERIAL,
+        sensor_streams={name: url.scheme is Scheme.SERIAL for name, url in urls.items()},
+        has_survey=mission.survey is not None,
+        has_records=mission.survey is not None,
+        grounded=cleared.grounded,
+        waived=",".join(cleared.waived),
+        unknown=cleared.unknown,
+    )
+    return open_black_box(folder, start, beside_loop=arguments.clock == "monotonic")
+
+
+def _close(recorder: Recorder | None, why: str, changes: ChangeLogger, runner: Runner) -> None:
+    """The end of the black box; its last link, so that nobody can write another log that ends so."""
+    if recorder is not None:
+        recorder.close(why)
+        head = f"black box: {recorder.journal.ticks} ticks, head of the chain {recorder.journal.link.hex()}"
+        changes.log_lines(runner.now_s, [*recorder.take_lines(), head])
 
 
 def _start_line(arguments: argparse.Namespace, mission: Mission) -> str:

@@ -116,6 +116,11 @@ class ChangeLogger:
                 self._log.line(now_s, f"{of} connected" if up else f"{of} lost: retrying")
                 self._up[of] = up
 
+    def log_lines(self, now_s: float | None, lines: Sequence[str]) -> None:
+        """Log what others have to say."""
+        for line in lines:
+            self._log.line(now_s, line)
+
     def status_line(self) -> str:
         """The flight at a glance. The installer reads the state: no upgrade of a vehicle in the air."""
         leader = "none" if self._leader is None else f"vehicle {self._leader}"

@@ -17,6 +17,7 @@ from types import FrameType, TracebackType
 from typing import Any, Self
 
 from companion.core.agent import TICK_S
+from companion.journal.recorder import Recorder
 from companion.mavlink import dialect
 from companion.mavlink.codec import TIME_LIMIT_NS
 from companion.mavlink.endpoint import Endpoint
@@ -76,9 +77,12 @@ class Runner:
         stop: Stop,
         service: Service,
         sensors: Mapping[str, Link],
+        recorder: Recorder | None = None,
     ) -> None:
-        """`sensors`: links to drivers, by the sensor's name."""
+        """`sensors`: links to drivers, by the sensor's name. `recorder`: stands before the endpoint."""
         self.endpoint = endpoint
+        self._recorder = recorder
+        self._inputs: Endpoint | Recorder = recorder or endpoint  # takes what comes, and ticks
         self.now_s: float | None = None  # of the clock in use, at the last tick
         self.ticks = 0
         self.missed = 0  # ticks that were skipped
@@ -133,11 +137,11 @@ class Runner:
 
     def _from_vehicle(self, data: bytes, clock: VehicleClock) -> None:
         """Neighbours and sensor, then the autopilot, all at the time of the request in `data`: as in one process."""
-        messages = self.endpoint.read_autopilot(data)
+        messages = self._inputs.read_autopilot(data)
         has_request = clock.peek(messages)
         if has_request:
             self._drain_others(clock.now_s)
-        self.endpoint.autopilot_says(messages, clock.now_s)
+        self._inputs.autopilot_says(messages, clock.now_s)
         if clock.advanced():
             if not has_request:
                 self._drain_others(clock.now_s)
@@ -158,7 +162,7 @@ class Runner:
 
     def _drain(self, now_s: float, until_s: float) -> bool:
         """The links by turns: a flood of one starves neither the others nor the ticks. Whether all are empty."""
-        links = [(self._autopilot, self.endpoint.from_autopilot), *self._others()]
+        links = [(self._autopilot, self._inputs.from_autopilot), *self._others()]
         for _ in range(DRAIN_MAX):
             for link, receive in tuple(links):
                 data = link.recv()
@@ -174,8 +178,8 @@ class Runner:
 
     def _others(self) -> list[tuple[Link, Callable[[bytes, float], None]]]:
         """The links but the autopilot's, and what takes the bytes of each."""
-        sensors = [(link, partial(self.endpoint.from_sensor, link=name)) for name, link in self._sensors.items()]
-        return [(self._peers, self.endpoint.from_peers), *sensors]
+        sensors = [(link, partial(self._inputs.from_sensor, link=name)) for name, link in self._sensors.items()]
+        return [(self._peers, self._inputs.from_peers), *sensors]
 
     def _drain_others(self, now_s: float) -> None:
         for link, receive in self._others():
@@ -186,7 +190,7 @@ class Runner:
                 receive(data, now_s)
 
     def _tick(self, now_s: float) -> None:
-        out = self.endpoint.tick(now_s)
+        out = self._inputs.tick(now_s)
         if out.peers:
             self._peers.send(out.peers)
         for datagram in out.records:
@@ -198,6 +202,8 @@ class Runner:
         self.now_s = now_s
         self.ticks += 1
         self._changes.log_changes(now_s, out.said)
+        if self._recorder is not None:
+            self._changes.log_lines(now_s, self._recorder.take_lines())
 
 
 class VehicleClock:
