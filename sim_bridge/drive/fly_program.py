@@ -135,8 +135,16 @@ def _fly(
     """Over the simulator's own autopilots."""
     mission = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
     live = None if map_ is None else Live(map_, Pace(args.speed), title)
-    in_process = args.agents == IN_PROCESS
-    return fly(mission, folder, progress, in_process=in_process, factor=args.speed, live=live, entrant=entrant)
+    return fly(
+        mission,
+        folder,
+        progress,
+        in_process=args.agents == IN_PROCESS,
+        factor=args.speed,
+        live=live,
+        entrant=entrant,
+        black_box=args.black_box,
+    )
 
 
 def _leave_nothing(folder: Path, stems: str | None) -> None:
@@ -166,7 +174,7 @@ def _external(args: argparse.Namespace) -> ExternalAutopilots | None:
         url = parse_url(args.autopilots)
     except ValueError as error:
         raise StartError(f"--autopilots {error}", EXIT_BAD_FILE) from None
-    return ExternalAutopilots(url, args.launch, args.first_port or 0)
+    return ExternalAutopilots(url, args.launch, args.first_port or 0, args.black_box)
 
 
 def _entrant(args: argparse.Namespace) -> Entrant:

@@ -106,13 +106,15 @@ def start_companion(
     program: Sequence[str] | ForkClient = PROGRAM,
     sensor_ports: Mapping[str, int] = MappingProxyType({}),
     records_file: Path | None = None,
+    black_box: Path | None = None,
 ) -> Child:
     """`companion run` with its links on loopback; its stderr beside `log_file`. StartError, OSError.
 
     `program`: what to execute as `companion`, or where to fork it. `sensor_ports`: of sensors' drivers, by their names.
-    `records_file`: of a mission that surveys.
+    `records_file`: of a mission that surveys. `black_box`: folder of black boxes.
     """
-    records = () if records_file is None else ("--records", str(records_file))
+    files = [] if records_file is None else ["--records", str(records_file)]
+    files += [] if black_box is None else ["--black-box", str(black_box)]
     sensors = [("--sensor", f"{name}=udpout://{LOOPBACK}:{port}") for name, port in sensor_ports.items()]
     arguments = [
         *("run", "--mission", str(mission_file)),
@@ -122,7 +124,7 @@ def start_companion(
         *chain.from_iterable(sensors),
         *("--clock", clock, "--waive", "all"),
         *("--log", str(log_file)),
-        *records,
+        *files,
     ]
     error_file = log_file.with_suffix(".err")
     if isinstance(program, ForkClient):
@@ -152,10 +154,11 @@ class CompanionProcess:
         drivers: RadioSocket | None = None,
         sensor: str = "",
         records_file: Path | None = None,
+        black_box: Path | None = None,
     ) -> None:
         """`drivers`: where all its sensors' drivers send from, on the link of `sensor`; None: it has none.
 
-        `records_file`: of a mission that surveys.
+        `records_file`: of a mission that surveys. `black_box`: folder of black boxes.
         """
         self._id = vehicle_id
         self._radio = radio
@@ -178,6 +181,7 @@ class CompanionProcess:
             program=program,
             sensor_ports={} if drivers is None else {sensor: drivers.port},
             records_file=records_file,
+            black_box=black_box,
         )
 
     @property
@@ -260,6 +264,7 @@ class Launcher:
     drivers: RadioSocket | None = None
     sensor: str = ""
     records_file: Callable[[int], Path | None] = lambda _vehicle_id: None
+    black_box: Path | None = None  # folder of black boxes
 
     def launch(
         self,
@@ -313,6 +318,7 @@ class Launcher:
             self.drivers,
             self.sensor,
             self.records_file(vehicle_id),
+            self.black_box,
         )
 
 
