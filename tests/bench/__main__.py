@@ -21,6 +21,7 @@ from companion.core.model.states import SwarmPhase
 from sim_bridge.judge.progress import Progress
 from tests.bench import (
     bad_radio,
+    black_box,
     encounters,
     hashes,
     layers,
@@ -55,6 +56,7 @@ from tests.unit.core.core_election_net import acting_within, failover_within, ov
 # Benchmarks with options of their own.
 PROGRAMS = {
     "bad-radio": bad_radio.main,
+    "black-box": black_box.main,
     "encounters": encounters.main,
     "hashes": hashes.main,
     "layers": layers.main,
@@ -314,6 +316,7 @@ ABOUT = {
     "records": "records: how many reach the base station, how soon, and what beacons lose by it",
     "robustness": "kills, partitions, wrong estimates, late telemetry: does the swarm arrive (--only ...)",
     "planted-defects": "after how many flights sim-bridge search finds a defect that is put into a copy",
+    "black-box": "faulted flights replayed bit for bit, and the cost of recording: see black-box --help",
     "encounters": "two vehicles that do not hear each other meet: how near they come: see encounters --help",
     "lost-fixes": "vehicles that lose their GNSS fix among trees, sent ODOMETRY or not: see lost-fixes --help",
     "own-motion": "errors of velocity, heading and place by scans beside the reported ones: see own-motion --help",
