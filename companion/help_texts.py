@@ -126,7 +126,7 @@ EXAMPLES = {
     "key new": ("companion key new fleet --vehicles 5", "companion key new /media/safe/forest --vehicles 12"),
     "key show-id": (
         "companion key show-id fleet/vehicle-3.key",
-        "sudo companion key show-id /etc/understory/vehicle.key",
+        "companion key show-id /etc/understory/vehicle.key",
     ),
     "key rotate": ("companion key rotate fleet", "companion key rotate fleet --finish"),
     "key revoke": ("companion key revoke fleet 3", "companion key revoke /media/safe/forest 12"),

@@ -167,6 +167,16 @@ def test_credential_of_systemd_is_taken_and_no_wider_access_list(
             load_keyring(path, 2)
 
 
+@pytest.mark.parametrize("mode", [0o444, 0o460, 0o550])
+def test_access_list_excuses_no_more_than_the_groups_reading(
+    mode: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    path = key_file(tmp_path / "key", KEYRING, mode)
+    monkeypatch.setattr(module.os, "getxattr", lambda *_: access_list(OWNER, (2, 4, os.geteuid()), GROUP, MASK, OTHER))
+    with pytest.raises(KeyFileError, match=f"mode {mode:04o}"):
+        load_keyring(path, 2)
+
+
 def test_access_list_as_the_kernel_has_it_is_understood(tmp_path: Path):
     path = key_file(tmp_path / "key", KEYRING, 0o400)
     try:
