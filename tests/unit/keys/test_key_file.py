@@ -40,7 +40,8 @@ def test_operators_file_holds_no_private_key_of_a_vehicle():
         (lambda t: t.replace("format = 1", "format = 2"), "key: format = 2: must be 1"),
         (lambda t: t.replace("format = 1", "format = true"), "key: format = true: must be 1"),
         (lambda t: t.replace("format = 1\n", ""), "key: format: is missing"),
-        (lambda _: "", "key: format: is missing"),
+        (lambda _: "", "key: is empty: no key is installed"),
+        (lambda _: "# none", "key: is empty: no key is installed"),  # the unit's, where there is no file
         (lambda t: "colour = 1\n" + t, "key: colour: no such key: must be one of format, owner, "),
         (lambda t: f'"{SECRET}" = 1\n' + t, "key: (a name of 64 characters): no such key"),
         (lambda t: t.replace("owner = 2", "owner = 251"), "key: owner = 251: must be a vehicle's id, 1 to 250, or "),
