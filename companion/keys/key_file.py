@@ -151,7 +151,7 @@ def _bytes(value: object, where: str, size: int) -> bytes:
 
 
 def _random(value: object, where: str) -> bytes:
-    """What nobody can guess, as far as its look tells."""
+    """A secret that nobody can guess, as far as its look tells."""
     secret = _bytes(value, where, SECRET_BYTES)
     if len(set(secret)) < DIFFERENT_MIN:
         raise KeyFileError(f"{where}: is not random")
