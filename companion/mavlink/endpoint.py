@@ -53,7 +53,7 @@ FROM_AUTOPILOT = frozenset(
         TIMESYNC,
     }
 )
-ORDERS = {dialect.MAV_CMD_MISSION_START: Order.START, dialect.MAV_CMD_NAV_LAND: Order.LAND_ALL}
+ORDERS = {dialect.MAV_CMD_MISSION_START: Order.START, dialect.MAV_CMD_NAV_LAND: Order.ABORT}
 DATAGRAMS: Final[Mapping[str, bool]] = MappingProxyType({})
 
 
