@@ -121,7 +121,9 @@ class Steered:
         self.flight.receive(Landed(LandedState.IN_AIR), self.now_s)
         self.flight.receive(Position((0.0, 0.0, -8.0), ZERO), self.now_s)
         findings = [Finding(cause) for cause in found]
-        return self.flight.update_flight(SwarmPhase.TRANSIT, self.now_s, findings=findings, may_join=may_join, may_take_off=True)
+        return self.flight.update_flight(
+            SwarmPhase.TRANSIT, self.now_s, findings=findings, may_join=may_join, may_take_off=True
+        )
 
 
 @given(st.sampled_from(list(SHOWN)), st.booleans(), st.sets(st.sampled_from(FROM_OUTSIDE)).map(list))
