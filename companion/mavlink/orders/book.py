@@ -8,10 +8,10 @@ Pure: the disk is handed in (`Marks`), the time is an argument. What protects fr
 | of another mission | the mission file's digest |
 | recorded in this flight, and sent again | the counter, whose highest value is written before an order is acted on |
 | recorded before this companion was started again | the same; if that write was lost, on the ground: its boot nonce |
-| recorded in another flight | the flight's nonce, which the START draws |
+| recorded in an earlier flight | the counter, which the START of this one has raised |
 
-LAND and ABORT of the flight that it is in count whatever their counter: they may come after a later one, and acting
-twice changes nothing.
+LAND and ABORT of the flight that it is in, by the nonce that its START drew, count whatever their counter: they may
+come after a later order, and acting twice changes nothing.
 """
 
 from __future__ import annotations
@@ -37,14 +37,9 @@ from companion.mavlink.orders.order import (
     order_payload,
     read_order,
 )
+from companion.mavlink.orders.repeats import Repeats
 
 CHECKS_MAX: Final = 8  # of signatures in a tick: 1 ms of its 50
-# A new order is passed on twice in each tick: of frames of which half are lost, one in 2^8 hops takes two periods.
-BURST_S: Final = 0.5
-NEW_S: Final = 2.0  # until then as often as beacons,
-NEW_PERIOD_S: Final = 0.1
-LATE_PERIOD_S: Final = 1.0  # and then so often, for those that come late
-SLACK_S: Final = 0.01  # of a tick's time
 TOLD_S: Final = 10.0  # between two words about what is refused for one reason
 SETTLED_S: Final = 5.0  # after an order others may still pass on the one before
 STATE_VERSION: Final = 1
@@ -88,7 +83,7 @@ class OrderBook:
         self._flight = NO_FLIGHT  # that this vehicle is in
         self._latched = 0  # the rank of what it has obeyed, and cannot be taken back
         self._carried: SignedOrder | None = None  # passed on
-        self._since_s = self._sent_s = -math.inf  # when it was new; when it was last passed on
+        self._repeats = Repeats()  # of that
         self._was_restored = False
         self._says: list[Say] = []
         self._told_s: dict[str, float] = {}
@@ -150,7 +145,7 @@ class OrderBook:
         if not reason and order.flight != NO_FLIGHT:
             self._flight = order.flight
         if self._replaces(order):
-            self._carried, self._since_s, self._sent_s = order, now_s, -math.inf
+            self._carried, self._repeats = order, Repeats(now_s)
         is_saved = self._marks.save(self._state(), wait=not airborne)
         if not reason and not is_saved:
             if order.kind is OrderKind.START and not airborne:
@@ -166,20 +161,21 @@ class OrderBook:
         is_start = order.kind is OrderKind.START
         if is_start and self._latched:
             return "ended"
+        if airborne and not is_start:
+            return ""  # its START is older than this: no other flight's order could be newer, or it knows of none
         if names_boot(order.boots, self._me, self._size, self._boot):
             return ""
-        if not airborne:
-            if is_start:
-                return "other boot"
-            return "" if order.flight == self._flight != NO_FLIGHT else "other flight"
-        # Started again in the air, its file lost: it cannot know, and what others obey is what they pass on.
-        return "" if self._flight in (NO_FLIGHT, order.flight) else "other flight"
+        if is_start:
+            return "" if airborne else "other boot"
+        return "other flight" if self._flight == NO_FLIGHT else ""
 
     def _replaces(self, order: SignedOrder) -> bool:
         """It is passed on instead of the one before."""
         carried = self._carried
-        if carried is None or carried.flight != order.flight:
-            return carried is None or order.counter > carried.counter
+        if carried is None:
+            return True
+        if carried.flight != order.flight and not self._latched:
+            return order.counter > carried.counter
         return (order.kind.latched, order.counter) > (carried.kind.latched, carried.counter)
 
     def _act(self, order: SignedOrder, *, hands_back: bool) -> OperatorOrder:
@@ -191,14 +187,7 @@ class OrderBook:
 
     def payloads(self, now_s: float) -> list[bytes]:
         """Payloads to broadcast with this tick, each in a datagram of its own."""
-        carried, age_s = self._carried, now_s - self._since_s
-        if carried is None:
-            return []
-        copies, period_s = (2, 0.0) if age_s < BURST_S else (1, NEW_PERIOD_S if age_s < NEW_S else LATE_PERIOD_S)
-        if now_s - self._sent_s < period_s - SLACK_S:
-            return []
-        self._sent_s = now_s
-        return [carried.payload] * copies
+        return [] if self._carried is None else [self._carried.payload] * self._repeats.copies(now_s)
 
     def take_says(self) -> list[Say]:
         """Words for the operator, since last asked."""
@@ -212,7 +201,7 @@ class OrderBook:
 
     def _refuse(self, reason: str, now_s: float) -> None:
         self.refused[reason] += 1
-        if reason != "replayed" or now_s - self._since_s > SETTLED_S:
+        if reason != "replayed" or now_s - self._repeats.begun_s > SETTLED_S:
             self._tell(reason, REASONS[reason], now_s)
 
     def _tell(self, reason: str, text: str, now_s: float) -> None:
@@ -250,5 +239,5 @@ class OrderBook:
         order = self._carried
         if order is None or not airborne or order.flight != self._flight:
             return []
-        self._since_s = now_s
+        self._repeats = Repeats(now_s)
         return [self._act(order, hands_back=False)]

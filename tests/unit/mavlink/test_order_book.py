@@ -72,13 +72,34 @@ def test_of_another_mission_is_not(kind: OrderKind) -> None:
     assert one.obeys(order(kind, 11)) == [Order[kind.name]]
 
 
+@pytest.mark.parametrize("loses", [False, True])
 @pytest.mark.parametrize("kind", KINDS)
-def test_of_another_flight_is_not_and_what_was_ordered_before_it_is_dead(kind: OrderKind) -> None:
+def test_recorded_in_an_earlier_flight_is_not(kind: OrderKind, loses: bool) -> None:
+    one = Vehicle()
+    one.disk.loses = loses
+    recorded = [order(START, 10), order(HOLD, 11), order(START, 12), order(kind, 13)]
+    one.hear(*recorded)
+    one.restart()
+    assert one.obeys(*recorded) == []
+    assert one.obeys(order(START, 20, flight=OTHER_FLIGHT, boots={1: one.boot})) == [Order.START]
+    one.airborne = True
+    assert one.obeys(*recorded) == []
+
+
+@pytest.mark.parametrize("kind", [HOLD, LAND, ABORT])
+def test_newer_than_its_start_counts_in_the_air_whatever_flight_it_names(kind: OrderKind) -> None:
+    """The operator has begun another with those on the ground: these must hear it, too."""
     one = flying()
-    assert one.obeys(order(kind, 11, flight=OTHER_FLIGHT, boots={})) == []
-    assert one.book.refused["other flight"] == 1
-    assert one.obeys(order(HOLD, 11)) == []
-    assert one.obeys(order(HOLD, 12)) == [Order.HOLD]
+    assert one.obeys(order(kind, 11, flight=OTHER_FLIGHT, boots={})) == [Order[kind.name]]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_refused_makes_all_older_orders_dead(kind: OrderKind) -> None:
+    """Held back from this vehicle, and let through once the flight is over: a recorded START launches nobody."""
+    one = Vehicle()
+    assert one.obeys(order(kind, 11, boots={})) == []
+    assert one.obeys(order(START, 10)) == []
+    assert one.obeys(order(START, 12)) == [Order.START]
 
 
 @pytest.mark.parametrize("kind", [START, HOLD])
