@@ -21,7 +21,7 @@ from companion.order.station import OPERATOR_ID, OperatorStation, list_ids
 
 HEARTBEAT_S: Final = 1.0
 CONFIRM_S: Final = 10.0
-SYSTEM: Final = OPERATOR_ID - 1  # 255 is the ground station's own
+
 WANTED: Final = frozenset({dialect.MAVLINK_MSG_ID_COMMAND_LONG, dialect.MAVLINK_MSG_ID_COMMAND_INT})
 
 
@@ -56,7 +56,7 @@ class GroundStation:
 
     def _command(self, incoming: Incoming, now_s: float) -> None:
         m = incoming.message
-        is_ours = m.target_component in (0, COMPONENT) and (m.target_system in (0, SYSTEM) or self._is_vehicle(m))
+        is_ours = m.target_component in (0, COMPONENT) and (m.target_system in (0, OPERATOR_ID) or self._is_vehicle(m))
         order = order_of(m.command, m.param1) if is_ours else None
         if not is_ours:
             return
@@ -64,7 +64,7 @@ class GroundStation:
         if order is not None:
             result = self._order(OrderKind[order.name], now_s)
         acknowledged = dialect.MAVLink_command_ack_message(m.command, result, 0, 0, incoming.system, incoming.component)
-        self._send(acknowledged, system=m.target_system or SYSTEM)
+        self._send(acknowledged, system=m.target_system or OPERATOR_ID)
 
     def _is_vehicle(self, m: Any) -> bool:
         return bool(1 <= m.target_system <= self._size)
@@ -86,6 +86,6 @@ class GroundStation:
         for message in texts.encode(Severity.NOTICE, text, self._text_id):
             self._send(message)
 
-    def _send(self, message: Any, *, system: int = SYSTEM) -> None:
+    def _send(self, message: Any, *, system: int = OPERATOR_ID) -> None:
         self._out.append(wire.pack(message, seq=self._seq, system=system, component=COMPONENT))
         self._seq = (self._seq + 1) & 0xFF

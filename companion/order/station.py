@@ -27,7 +27,7 @@ from companion.mavlink.orders.order import (
 from companion.mavlink.orders.repeats import NEW_PERIOD_S, Repeats
 from companion.mavlink.own_messages import decode_beacon
 
-OPERATOR_ID: Final = 255  # system id, as of a ground station
+OPERATOR_ID: Final = 254  # system id, as the base station: 255 is the ground station's
 FRESH_S: Final = 3.0  # older, a vehicle is not heard
 ENDED: Final = (FlightState.LANDING, FlightState.LANDED, FlightState.RELEASED)
 HELD: Final = (FlightState.HOLD, FlightState.WAITING, FlightState.READY)

@@ -31,7 +31,7 @@ class FileMarks:
         self._beside_loop: Final = beside_loop
         self._changed: Final = threading.Condition()
         self._disk: Final = threading.Lock()  # one write at a time
-        self._latest: bytes | None = None  # to be written by the thread
+        self._latest: tuple[bytes, int] | None = None  # to be written by the thread
         self._count = self._written = 0  # states in their order: an older one never replaces a newer
         self._failed = False  # the last write of the thread
         self._closed = False
@@ -43,7 +43,7 @@ class FileMarks:
             self._count += 1
             count = self._count
             if not wait and self._beside_loop:
-                self._latest = state
+                self._latest = (state, count)
                 if self._thread is None:
                     self._thread = threading.Thread(target=self._run, name="orders", daemon=True)
                     self._thread.start()
@@ -63,11 +63,10 @@ class FileMarks:
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._latest is not None or self._closed)
-                state, self._latest = self._latest, None
-                count = self._count
-            if state is None:
+                latest, self._latest = self._latest, None
+            if latest is None:
                 return
-            self._failed = not self._write(state, count)
+            self._failed = not self._write(*latest)
 
     def _write(self, state: bytes, count: int) -> bool:
         with self._disk:

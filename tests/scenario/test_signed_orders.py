@@ -23,9 +23,7 @@ def test_by_the_key_alone_a_swarm_starts_holds_goes_on_and_lands() -> None:
     swarm = SignedSwarm(4)
     swarm.until("READY", READY_S)
     for vehicle in swarm.lockstep.world.vehicles.values():  # a ground station without the key
-        vehicle.autopilot.receive(
-            Link.GROUND, operator_order(vehicle.id, dialect.MAV_CMD_MISSION_START), swarm.now_s
-        )
+        vehicle.autopilot.receive(Link.GROUND, operator_order(vehicle.id, dialect.MAV_CMD_MISSION_START), swarm.now_s)
     swarm.run(5.0)
     assert set(swarm.states()) == {FlightState.READY}
     swarm.order(START)
