@@ -104,8 +104,8 @@ class Endpoint:
         `sensor_streams`: the links to its sensors' drivers by name, and whether bytes may break anywhere (serial).
         `beacons`: reads those of this mission, shared with other vehicles; by default its own.
         `stages`: of its agent. `survey`: measures stems, in a mission that asks for it; `records`: keeps what it finds.
-        `guard`: of the peers' link; by default whoever is in range is heard. `orders`: of the operator's key; by default
-        commands count, and the flags of beacons.
+        `guard`: of the peers' link; by default whoever is in range is heard.
+        `orders`: of the operator's key; by default commands count, and the flags of beacons.
         """
         if mission.origin is None:
             raise ValueError("the mission has no [origin]: a vehicle cannot tell where its d1 and d2 are")

@@ -17,6 +17,8 @@ from companion.keys.key_file import KeyFileError, load_keyring
 from companion.keys.keyring import OPERATOR
 from companion.keys.process import harden_process
 from companion.mavlink.orders.order import OrderKind
+from companion.mavlink.peers.guard import SignedGuard
+from companion.mavlink.peers.session import OPERATOR_ID, open_session
 from companion.order.ground_station import GroundStation
 from companion.order.order_file import SUFFIX, OperatorFile, OrderFileError
 from companion.order.station import OperatorStation, list_ids
@@ -71,7 +73,8 @@ def _order(arguments: argparse.Namespace, opened: ExitStack) -> int:
     except LinkError as error:
         raise _RefusedError(EXIT_ENVIRONMENT, str(error)) from None
     size = mission.swarm.size
-    station = OperatorStation(keyring.seed, digest, size, file=file, draw=secrets.token_bytes)
+    guard = SignedGuard(open_session(keyring, OPERATOR_ID, digest, secrets.randbits(32) or 1))
+    station = OperatorStation(keyring.seed, digest, size, file=file, draw=secrets.token_bytes, guard=guard)
     with Stop() as stop:
         radio = _Radio(station, link, stop)
         if ground is not None:

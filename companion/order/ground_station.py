@@ -17,7 +17,8 @@ from companion.mavlink.framing import texts, wire
 from companion.mavlink.framing.frames import Framing, Incoming
 from companion.mavlink.orders.commands import order_of
 from companion.mavlink.orders.order import OrderKind
-from companion.order.station import OPERATOR_ID, OperatorStation, list_ids
+from companion.mavlink.peers.session import OPERATOR_ID
+from companion.order.station import OperatorStation, list_ids
 
 HEARTBEAT_S: Final = 1.0
 CONFIRM_S: Final = 10.0
@@ -26,7 +27,7 @@ WANTED: Final = frozenset({dialect.MAVLINK_MSG_ID_COMMAND_LONG, dialect.MAVLINK_
 
 
 class GroundStation:
-    """The link to one ground station. It is seen there as an onboard computer, component 191 of system 254."""
+    """The link to one ground station. It is seen there as an onboard computer, component 191 of system 253."""
 
     def __init__(self, station: OperatorStation, size: int, tell: Callable[[str], None]) -> None:
         """`tell`: a line for whoever runs it."""

@@ -28,7 +28,7 @@ _KINDS = {
 
 _GATEWAY = """\
 Makes orders of what a ground station commands: MISSION_START is START, DO_PAUSE_CONTINUE is HOLD (param1 = 0) or START
-(1), NAV_LAND is ABORT. It answers for component 191 of each vehicle of the mission, and of system 254.
+(1), NAV_LAND is ABORT. It answers for component 191 of each vehicle of the mission, and of system 253.
 """
 
 _GATEWAY_MORE = """\

@@ -5,7 +5,7 @@ An order has reached a vehicle when that one passes it on, byte for byte; its be
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, Protocol
 
@@ -26,8 +26,9 @@ from companion.mavlink.orders.order import (
 )
 from companion.mavlink.orders.repeats import NEW_PERIOD_S, Repeats
 from companion.mavlink.own_messages import decode_beacon
+from companion.mavlink.peers.guard import Guard
+from companion.mavlink.peers.session import OPERATOR_ID
 
-OPERATOR_ID: Final = 254  # system id, as the base station: 255 is the ground station's
 FRESH_S: Final = 3.0  # older, a vehicle is not heard
 ENDED: Final = (FlightState.LANDING, FlightState.LANDED, FlightState.RELEASED)
 HELD: Final = (FlightState.HOLD, FlightState.WAITING, FlightState.READY)
@@ -41,48 +42,6 @@ class OrderFile(Protocol):
 
         OSError: it cannot be written, and nothing may be sent.
         """
-
-
-class StationGuard(Protocol):
-    """The station's side of the link's signing."""
-
-    flags: int  # of the frames that are sent
-
-    def admits(self, frame: bytes, now_s: float) -> bool:
-        """One of the swarm has sent this frame."""
-
-    def take_proof(self, frame: bytes, now_s: float) -> bool:
-        """A frame that proves itself, as one that tells a boot; False: it is none."""
-
-    def seal_proof(self, frame: bytes) -> bytes:
-        """An order's frame as it is sent."""
-
-    def boots(self) -> Mapping[int, int]:
-        """Boot nonces by vehicle, proven."""
-
-
-class OpenStationGuard:
-    """Of a radio without keys. `known`: boots that somebody else has found."""
-
-    def __init__(self) -> None:
-        self.flags = 0
-        self.known: dict[int, int] = {}
-
-    def admits(self, frame: bytes, now_s: float) -> bool:  # noqa: ARG002
-        """All."""
-        return True
-
-    def take_proof(self, frame: bytes, now_s: float) -> bool:  # noqa: ARG002
-        """None."""
-        return False
-
-    def seal_proof(self, frame: bytes) -> bytes:
-        """As it is."""
-        return frame
-
-    def boots(self) -> Mapping[int, int]:
-        """Those that were found."""
-        return self.known
 
 
 @dataclass(slots=True)
@@ -103,15 +62,18 @@ class OperatorStation:
         *,
         file: OrderFile,
         draw: Callable[[int], bytes],
-        guard: StationGuard | None = None,
+        guard: Guard,
     ) -> None:
-        """`seed`: the operator's private key. `digest`: of the mission file. `draw`: so many random bytes."""
+        """`seed`: the operator's private key. `digest`: of the mission file. `draw`: so many random bytes.
+
+        `guard`: of its radio, as OPERATOR_ID.
+        """
         self._signer = Signer(seed)
         self._digest, self._size = digest, size
         self._file = file
         self._draw = draw
-        self._guard: StationGuard = guard or OpenStationGuard()
-        self._sender = wire.Sender(OPERATOR_ID, swarm_beacon.COMPONENT)
+        self._guard: Final = guard
+        self._sender = wire.Sender(OPERATOR_ID, swarm_beacon.COMPONENT, guard.flags)
         self._heard: dict[int, _Heard] = {}
         self._payload = b""  # sent now
         self._kind: OrderKind | None = None
@@ -133,7 +95,7 @@ class OperatorStation:
 
         for sender, frame, fields in swarm_beacon.beacons(data, take_frame):
             said = decode_beacon(sender, fields)
-            if said is None or not 1 <= sender <= self._size or not self._guard.admits(frame, now_s):
+            if said is None or not 1 <= sender <= self._size or not self._guard.admits(frame, now_s, said):
                 continue
             known = self._heard.get(sender)
             if known is None:
@@ -186,11 +148,16 @@ class OperatorStation:
         self._kind, self._repeats = kind, Repeats(now_s, late_period_s=NEW_PERIOD_S)
 
     def datagrams(self, now_s: float) -> list[bytes]:
-        """Datagrams to send with this turn."""
-        if self._kind is None:
-            return []
-        copies = self._repeats.copies(now_s)
-        return [self._guard.seal_proof(self._sender.frame(ORDER_ID, self._payload)) for _ in range(copies)]
+        """Datagrams to send with this turn: what proves this station's boot, which vehicles echo, and the order."""
+        proof = self._guard.proof(now_s)
+        frames = [] if proof is None else [self._sender.frame(*proof)]
+        if self._kind is not None:
+            frames += [self._sender.frame(ORDER_ID, self._payload) for _ in range(self._repeats.copies(now_s))]
+        return [self._guard.seal_proof(frame) for frame in frames]
+
+    def lines(self) -> list[str]:
+        """Lines for the operator, since last asked."""
+        return [say.text for say in self._guard.take_says()]
 
     def waits_for(self, now_s: float) -> list[int]:
         """Vehicles that are heard and do not show that they act on the order."""

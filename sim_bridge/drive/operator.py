@@ -13,7 +13,9 @@ from companion.mavlink.beacon import WireBeacon
 from companion.mavlink.endpoint import COMPONENT
 from companion.mavlink.framing import wire
 from companion.mavlink.orders.order import OrderKind
-from companion.order.station import OPERATOR_ID, OperatorStation, StationGuard
+from companion.mavlink.peers.guard import Guard
+from companion.mavlink.peers.session import OPERATOR_ID
+from companion.order.station import OperatorStation
 from mission.common.frames import Vec3
 from mission.document.model import Mission, Personality
 
@@ -70,18 +72,10 @@ class OrderCount:
 class SignedOperator:
     """The operator of a signed swarm, with a radio: a `RadioNode`. `order` begins an order, which is then repeated."""
 
-    def __init__(
-        self,
-        keyring: Keyring,
-        digest: bytes,
-        size: int,
-        *,
-        seed: int,
-        pos_ned_m: Vec3,
-        guard: StationGuard | None = None,
-    ) -> None:
-        """`keyring`: the operator's; `digest`: of the mission file; `pos_ned_m`: of the antenna."""
+    def __init__(self, keyring: Keyring, digest: bytes, size: int, guard: Guard, *, seed: int, pos_ned_m: Vec3) -> None:
+        """`keyring`: the operator's; `digest`: of the mission file; `guard`: of its radio; `pos_ned_m`: the antenna."""
         self._seed, self._drawn = seed, 0
+        self._started = False
         self.pos_ned_m: Final = pos_ned_m
         self.station: Final = OperatorStation(
             keyring.seed, digest, size, file=OrderCount(), draw=self._draw, guard=guard
@@ -91,6 +85,12 @@ class SignedOperator:
     def id(self) -> int:
         """Its system id."""
         return OPERATOR_ID
+
+    def start(self, now_s: float) -> None:
+        """START, the first time."""
+        if not self._started:
+            self._started = True
+            self.order(OrderKind.START, now_s)
 
     def order(self, kind: OrderKind, now_s: float) -> None:
         """Orders this from now on."""

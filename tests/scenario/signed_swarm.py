@@ -2,58 +2,36 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable
 from typing import Any
 
 from companion.core.model.states import FlightState
-from companion.keys.crypto import public_key
-from companion.keys.keyring import OPERATOR, Keyring
-from companion.mavlink.orders.book import OrderBook
 from companion.mavlink.orders.order import OrderKind
-from companion.order.station import OpenStationGuard
 from mission.common.frames import Vec3
-from mission.document.load import dump_mission
 from mission.stand.stand import stand_of
 from sim_bridge.drive.fly import LINKS
+from sim_bridge.drive.lockstep.fleet_keys import FleetKeys
 from sim_bridge.drive.lockstep.lockstep import InProcess, Lockstep
-from sim_bridge.drive.operator import SignedOperator
 from sim_bridge.world.world import World
 from tests.flights import point_masses, short_mission
-from tests.unit.mavlink.orders_kit import Disk
 
-SEED = bytes([7]) * 32
 READY_S = 20.0
 
 
 class SignedSwarm:
-    """Vehicles 1..n on the ground, ready within READY_S; the operator's antenna stands at d1."""
+    """Vehicles 1..n on the ground, ready within READY_S; the operator stands beside them."""
 
     def __init__(self, size: int = 4, **tables: dict[str, Any]) -> None:
         self.mission = short_mission(swarm={"size": size, **tables.pop("swarm", {})}, **tables)
-        self.digest = hashlib.sha256(dump_mission(self.mission).encode()).digest()
-        keyring = Keyring(OPERATOR, SEED, {0: bytes(32)}, 0, public_key(SEED), {})
-        guard = OpenStationGuard()
-        self.boots = guard.known
-        self.disks = {k: Disk() for k in range(1, size + 1)}
+        self.keys = FleetKeys(self.mission)
         world = World(self.mission, point_masses, links=LINKS, stand=stand_of(self.mission, None))
-        self.operator = SignedOperator(keyring, self.digest, size, seed=1, pos_ned_m=(0.0, 0.0, -2.0), guard=guard)
-        world.radio.set_range(self.operator.id, 1e4)
-        self.lockstep = Lockstep(world, [self.open_companion(k) for k in self.disks], operator=self.operator)
+        self.operator = self.keys.operator(world)
+        companions = [self.open_companion(k) for k in world.vehicles]
+        self.lockstep = Lockstep(world, companions, operator=self.operator)
 
     def open_companion(self, vehicle: int) -> InProcess:
-        boot = self.boots[vehicle] = self.boots.get(vehicle, 1000 * vehicle) + 1
-        disk = self.disks[vehicle]
-        book = OrderBook(
-            operator=public_key(SEED),
-            digest=self.digest,
-            me=vehicle,
-            size=len(self.disks),
-            boot=boot,
-            marks=disk,
-            kept=disk.kept,
-        )
-        return InProcess(self.mission, vehicle, orders=book)
+        guard = self.keys.guard(vehicle)
+        return InProcess(self.mission, vehicle, guard=guard, orders=self.keys.orders(vehicle))
 
     @property
     def now_s(self) -> float:

@@ -110,7 +110,7 @@ def test_companion_started_again_in_the_air_holds_with_the_others(forgets: bool)
     swarm.lockstep.kill(3)
     swarm.run(1.0)
     if forgets:
-        swarm.disks[3].kept = b""
+        swarm.keys.disks[3].kept = b""
     swarm.lockstep.join(swarm.open_companion(3))
     swarm.run(8.0)
     assert swarm.agent(3).swarm.operator.holds

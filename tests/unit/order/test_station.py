@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -20,7 +21,8 @@ from companion.mavlink.orders.order import (
     order_payload,
     read_order,
 )
-from companion.order.station import OpenStationGuard, OperatorStation
+from companion.mavlink.peers.guard import Guard, OpenGuard
+from companion.order.station import OperatorStation
 from mission.common.frames import Wgs84
 from sim_bridge.drive.operator import OrderCount
 from tests.unit.core.core_kit import BEACON
@@ -29,12 +31,25 @@ from tests.unit.mavlink.orders_kit import BOOTS, DIGEST, OPERATOR_SEED, SIZE, TI
 START, HOLD, LAND, ABORT = OrderKind
 
 
+class KnownBoots:
+    """A guard that lets all in, and knows boots."""
+
+    def __init__(self, known: dict[int, int]) -> None:
+        self.known = known
+        self._open: Guard = OpenGuard()
+
+    def boots(self) -> dict[int, int]:
+        return self.known
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._open, name)
+
+
 class Ground:
     """A station, and what it hears."""
 
     def __init__(self) -> None:
-        self.guard = OpenStationGuard()
-        self.guard.known.update(BOOTS)
+        self.guard = KnownBoots(dict(BOOTS))
         self.drawn = 0
         self.station = OperatorStation(
             OPERATOR_SEED, DIGEST, SIZE, file=OrderCount(), draw=self._draw, guard=self.guard
