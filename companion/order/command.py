@@ -135,37 +135,37 @@ class _Radio:
     def __init__(self, station: OperatorStation, link: Link, stop: Stop) -> None:
         self.station = station
         self._link, self._stop = link, stop
+        self._due_s = time.monotonic()
 
     def run(self, for_s: float, is_done: Callable[[float], bool] = lambda _now_s: False) -> None:
         """Hear and send, for so long."""
-        end_s = deadline_s = time.monotonic()
-        end_s += for_s
+        end_s = time.monotonic() + for_s
         while not self._stop.reason:
-            now_s = self._turn(deadline_s, self._link.fileno())
+            now_s = self._turn(self._link.fileno())
             if now_s >= end_s or is_done(now_s):
                 return
-            deadline_s = max(deadline_s + TICK_S, now_s)
 
     def serve(self, ground_station: GroundStation, link: Link) -> None:
         """The same, with a ground station's commands, until it is stopped."""
-        deadline_s = time.monotonic()
         while not self._stop.reason:
-            now_s = self._turn(deadline_s, self._link.fileno(), link.fileno())
+            now_s = self._turn(self._link.fileno(), link.fileno())
             for data in _drain(link):
                 ground_station.receive(data, now_s)
             for datagram in ground_station.datagrams(now_s):
                 link.send(datagram)
-            deadline_s = max(deadline_s + TICK_S, now_s)
 
-    def _turn(self, deadline_s: float, *fds: int) -> float:
-        """Wait for data or the next turn; hear, and send what is due. The time."""
-        select.select((*fds, self._stop.fileno()), (), (), max(0.0, deadline_s - time.monotonic()))
+    def _turn(self, *fds: int) -> float:
+        """Wait for data, or until something is due; hear, and send. The time."""
+        select.select((*fds, self._stop.fileno()), (), (), max(0.0, self._due_s - time.monotonic()))
         now_s = time.monotonic()
         for data in _drain(self._link):
             self.station.receive(data, now_s)
-        if now_s >= deadline_s:
+        if now_s >= self._due_s:
+            self._due_s = max(self._due_s + TICK_S, now_s)
             for datagram in self.station.datagrams(now_s):
                 self._link.send(datagram)
+            for line in self.station.lines():
+                _show(line)
         return now_s
 
 

@@ -18,17 +18,21 @@ from pymavlink import mavutil
 
 from companion.core.model.states import FlightState, Order
 from companion.keys.key_file import load_keyring
-from companion.mavlink import beacon as swarm_beacon
-from companion.mavlink.framing import wire
+from companion.mavlink.beacon import Reader, encode
 from companion.mavlink.framing.frames import whole
 from companion.mavlink.orders.book import OrderBook
+from companion.mavlink.orders.desk import SignedOrders
 from companion.mavlink.orders.order import ORDER_ID
-from mission.common.frames import Wgs84
+from companion.mavlink.peers.guard import SignedGuard
+from companion.mavlink.peers.peers_link import PeersLink
+from companion.mavlink.peers.session import open_session
+from mission.common.frames import LocalFrame, Wgs84
 from tests.programs.companion_kit import MISSION
 from tests.unit.core.core_kit import BEACON
 from tests.unit.mavlink.orders_kit import Disk
 
 LIMIT_S = 60.0
+HERE = Wgs84(47.0, 8.0, 400.0)
 mavlink = mavutil.mavlink
 
 
@@ -48,19 +52,24 @@ def order(folder: Path, *words: str, key: str = "fleet/operator.key") -> list[st
 
 
 class Vehicles:
-    """Two vehicles in the air, in a thread of their own: they send beacons to the operator's port, and obey."""
+    """Two vehicles in a thread of their own: they send beacons to the operator's port, and obey."""
 
-    def __init__(self, folder: Path, port: int, *, deaf: int = 0) -> None:
-        operator = load_keyring(folder / "fleet" / "operator.key", None).operator
+    def __init__(self, folder: Path, port: int, *, deaf: int = 0, airborne: bool = True) -> None:
         digest = hashlib.sha256((folder / "m.toml").read_bytes()).digest()
-        self._books = {
-            k: OrderBook(operator=operator, digest=digest, me=k, size=2, boot=k, marks=Disk()) for k in (1, 2)
-        }
-        self._deaf = deaf
+        self._books: dict[int, OrderBook] = {}
+        self._links: dict[int, PeersLink] = {}
+        reader = Reader(LocalFrame(HERE))
+        for k in (1, 2):
+            keyring = load_keyring(folder / "fleet" / f"vehicle-{k}.key", k)
+            book = OrderBook(operator=keyring.operator, digest=digest, me=k, size=2, boot=k, marks=Disk())
+            guard = SignedGuard(open_session(keyring, k, digest, k))
+            self._books[k] = book
+            self._links[k] = PeersLink(k, reader, guard, None, SignedOrders(book), ranging=False)
+        self._deaf, self._airborne = deaf, airborne
         self.obeyed: dict[int, list[Order]] = {1: [], 2: []}
         self._port = port
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run)
+        self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def close(self) -> None:
@@ -71,32 +80,35 @@ class Vehicles:
         now_s = 100.0
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as radio:
             radio.connect(("127.0.0.1", self._port))
-            while not self._stop.is_set():
+            while not self._stop.wait(0.05):  # as fast as the operator's clock, which all go by
                 now_s += 0.05
-                data = b"".join(self._beacon(k, now_s) for k in self._books)
                 try:
-                    radio.send(data)
-                    while select.select([radio], [], [], 0.01)[0]:
-                        self._hear(radio.recv(2000), now_s)
+                    for k in self._books:
+                        radio.send(self._beacon(k, now_s))
+                    while select.select([radio], [], [], 0.0)[0]:
+                        data = radio.recv(2000)
+                        for k, link in self._links.items():
+                            if k != self._deaf or not whole(data) or whole(data)[0][2] != ORDER_ID:
+                                link.read_datagram(data, now_s)
                 except ConnectionRefusedError:  # the program is not there yet, or not any more
-                    self._stop.wait(0.01)
+                    continue
 
     def _beacon(self, vehicle: int, now_s: float) -> bytes:
-        book, obeyed = self._books[vehicle], self.obeyed[vehicle]
-        obeyed += [event.order for event in book.tick(now_s, airborne=True)]
-        state = FlightState.HOLD if Order.HOLD in obeyed else FlightState.TRANSIT
-        said = replace(BEACON, sender=vehicle, airborne=True, state=state, abort=Order.ABORT in obeyed)
-        payload = swarm_beacon.encode(said, Wgs84(47.0, 8.0, 400.0))
-        out = wire.frame(swarm_beacon.MESSAGE_ID, payload, seq=0, system=vehicle, component=191)
-        for passed_on in book.payloads(now_s):
-            out += wire.frame(ORDER_ID, passed_on, seq=0, system=vehicle, component=191)
-        return out
-
-    def _hear(self, data: bytes, now_s: float) -> None:
-        for start, end, _ in whole(data):
-            for vehicle, book in self._books.items():
-                if vehicle != self._deaf:
-                    book.receive(data[start:end], now_s)
+        book, link, obeyed = self._books[vehicle], self._links[vehicle], self.obeyed[vehicle]
+        obeyed += [event.order for event in book.tick(now_s, airborne=self._airborne)]
+        states = {Order.HOLD: FlightState.HOLD} if self._airborne else {}
+        state = states.get(obeyed[-1] if obeyed else Order.START, FlightState.TRANSIT)
+        said = replace(
+            BEACON,
+            sender=vehicle,
+            time_ms=round(now_s * 1e3),
+            airborne=self._airborne,
+            state=state if self._airborne else FlightState.READY,
+            start=Order.START in obeyed,
+            abort=Order.ABORT in obeyed,
+        )
+        frames = link.send_beacon(said, encode(said, HERE), None, now_s)
+        return b"".join([*frames, *link.prove(now_s), *link.send_orders(now_s)])
 
 
 @pytest.fixture
@@ -139,6 +151,16 @@ def test_vehicle_that_does_not_act_is_named_and_costs_the_exit_code(folder: Path
     assert out == "ABORT: acting on it: 1\nABORT: heard, and not acting on it: 2\n"
 
 
+def test_start_names_the_boots_that_are_proven_and_says_who_is_ready(folder: Path, port: int) -> None:
+    vehicles = Vehicles(folder, port, airborne=False)
+    try:
+        code, out, err = run(order(folder, "start", "--yes", "--peers", f"udpin://127.0.0.1:{port}"))
+    finally:
+        vehicles.close()
+    assert (code, out, err) == (0, "ready: 1, 2\nSTART: acting on it: 1, 2\n", "")
+    assert vehicles.obeyed == {1: [Order.START], 2: [Order.START]}
+
+
 def test_nobody_heard_is_no_success(folder: Path, port: int) -> None:
     code, out, _ = run(order(folder, "abort", "--peers", f"udpin://127.0.0.1:{port}", "--for-s", "0.2"))
     assert (code, out) == (1, "ABORT: nobody is heard to act on it\n")
@@ -170,7 +192,7 @@ def test_ground_station_orders_through_the_gateway(folder: Path, port: int, vehi
         assert gateway.stdout is not None
         assert gateway.stdout.readline().startswith("orders of udpout://127.0.0.1:")
         beat = station.recv_match(type="HEARTBEAT", blocking=True, timeout=LIMIT_S)
-        assert (beat.get_srcSystem(), beat.get_srcComponent()) == (254, 191)
+        assert (beat.get_srcSystem(), beat.get_srcComponent()) == (253, 191)
         station.mav.command_long_send(1, 191, mavlink.MAV_CMD_DO_PAUSE_CONTINUE, 0, *(0.0,) * 7)
         ack = station.recv_match(type="COMMAND_ACK", blocking=True, timeout=LIMIT_S)
         assert (ack.get_srcSystem(), ack.command, ack.result) == (1, 193, mavlink.MAV_RESULT_ACCEPTED)
