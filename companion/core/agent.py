@@ -48,14 +48,10 @@ class Agent:
         stages: StageFactory = FLIGHT_STAGES,
         operator: OperatorOrders | None = None,
     ) -> None:
-        """`stages`: guidance and safety filter; `operator`: by what orders count, by default by flags, unsigned.
-
-        ValueError when `vehicle_id` is not one of the mission's 1..size.
-        """
+        """`stages`: guidance and safety filter; `operator`: orders, else flooded. ValueError: no such vehicle."""
         if not 1 <= vehicle_id <= mission.swarm.size:
             raise ValueError(f"vehicle id {vehicle_id}: the mission has 1..{mission.swarm.size}")
-        self.id = vehicle_id
-        self.mission = mission
+        self.id, self.mission = vehicle_id, mission
         self.localiser = build_localiser(mission, vehicle_id)
         self.swarm = Swarm(mission, vehicle_id, operator or FloodedOrders())
         self.movement = stages.build_guidance(mission, vehicle_id)
@@ -67,8 +63,7 @@ class Agent:
         self.setpoint = AT_REST  # the last that went out
         self.flight = Flight(mission.route.d1_enu_m[2], self.sensors)
         self._ticks_per_beacon = round(TICK_HZ / mission.radio.beacon_rate_hz)
-        self._ticks = 0
-        self._sent_early = False  # a beacon before its time, in this period
+        self._ticks, self._sent_early = 0, False  # a beacon before its time, in this period
         self._last_tick_s: float | None = None
         self._says: list[Say] = []
         self._waived = ""  # checks of the preflight that an operator took as accepted
@@ -202,13 +197,9 @@ class Agent:
             picture.neighbours, picture.silent, self.perception.nearest_m(picture.own), now_s
         )
         findings += swarm.findings(picture, clear_below=has_room)
+        may_join, allowed, not_localised = swarm.may_join(), swarm.operator.may_take_off, picture.not_localised
         requests = flight.update_flight(
-            phase,
-            now_s,
-            findings=findings,
-            may_join=swarm.may_join(),
-            may_take_off=swarm.operator.may_take_off,
-            not_localised=picture.not_localised,
+            phase, now_s, findings=findings, may_join=may_join, may_take_off=allowed, not_localised=not_localised
         )
         return Orders(
             leader=leader,
@@ -290,17 +281,11 @@ class Agent:
             self.swarm.receive_beacon(said, now_s)
 
     def _obey(self, event: OperatorOrder) -> None:
-        is_news = self.swarm.operator.obey(event.order)
-        match event.order:
-            case Order.START:
-                if self.flight.grounded:
-                    self._report_text(Severity.ERROR, brief(f"grounded, {self.flight.grounded}"))
-                if event.hands_back:
-                    self.flight.hand_back()
-            case Order.LAND if is_news:
-                self._report_text(Severity.WARNING, "swarm lands: ordered by the operator")
-            case Order.ABORT if is_news:
-                self._report_text(Severity.WARNING, "land all: ordered by the operator")
+        self._says += self.swarm.operator.obey(event.order)
+        if event.order is Order.START and self.flight.grounded:
+            self._report_text(Severity.ERROR, brief(f"grounded, {self.flight.grounded}"))
+        if event.order is Order.START and event.hands_back:
+            self.flight.hand_back()
 
     def _report_waived(self) -> None:
         """Once, when the flight is allowed."""

@@ -74,14 +74,14 @@ class GroundStation:
         missing = self._station.not_ready(now_s) if kind is OrderKind.START else {}
         if missing and now_s - self._asked_s > CONFIRM_S:
             self._asked_s = now_s
-            self._say(f"START again within {CONFIRM_S:.0f} s to go without {list_ids(list(missing))}")
+            self._report_text(f"START again within {CONFIRM_S:.0f} s to go without {list_ids(list(missing))}")
             return int(dialect.MAV_RESULT_TEMPORARILY_REJECTED)
         self._asked_s = -math.inf
         self._station.send_order(kind, now_s)
-        self._say(f"{kind.name}: ordered")
+        self._report_text(f"{kind.name}: ordered")
         return int(dialect.MAV_RESULT_ACCEPTED)
 
-    def _say(self, text: str) -> None:
+    def _report_text(self, text: str) -> None:
         self._tell(text)
         self._text_id = self._text_id % texts.ID_MAX + 1
         for message in texts.encode(Severity.NOTICE, text, self._text_id):

@@ -35,7 +35,7 @@ class OperatorFile:
         lock = os.open(f"{self._path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         try:
             fcntl.flock(lock, fcntl.LOCK_EX)
-            state = self._read()
+            state = self._read_state()
             counter = max(state["counter"] + 1, self._clock_ms(), 1)
             if counter > COUNTER_MAX:
                 raise OrderFileError(f"{self._path}: counter = {counter}: must be at most {COUNTER_MAX}")
@@ -51,9 +51,9 @@ class OperatorFile:
 
     def knows_flight(self, digest: bytes) -> bool:
         """A START of this mission was sent before."""
-        return bool(self._read()["flights"].get(digest.hex(), NO_FLIGHT.hex()) != NO_FLIGHT.hex())
+        return bool(self._read_state()["flights"].get(digest.hex(), NO_FLIGHT.hex()) != NO_FLIGHT.hex())
 
-    def _read(self) -> dict[str, Any]:
+    def _read_state(self) -> dict[str, Any]:
         try:
             with self._path.open("rb") as file:
                 text = file.read(BYTES_MAX)

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from typing import Final
 
+from companion.core.model.actions import Say
 from companion.core.model.beacon import Beacon
-from companion.core.model.states import Order
+from companion.core.model.states import Order, Severity
 
-LATCHED: Final = (Order.LAND, Order.ABORT)  # these cannot be taken back
+SAID: Final = {Order.LAND: "swarm lands: ordered by the operator", Order.ABORT: "land all: ordered by the operator"}
 
 
 class OperatorOrders:
@@ -34,14 +35,15 @@ class OperatorOrders:
         """A vehicle on the ground may arm, and take off as its phase says."""
         return self.started and not (self._holds or self.lands or self.aborts)
 
-    def obey(self, order: Order) -> bool:
-        """Takes an order; True: it says something new."""
-        before = (self.started, self._holds, self.lands, self.aborts)
+    def obey(self, order: Order) -> list[Say]:
+        """Takes an order; what is to be said of it: once, of one that cannot be taken back."""
+        before = (self.lands, self.aborts)
         self.started |= order is Order.START
         self._holds = order is Order.HOLD or (self._holds and order is not Order.START)
         self.lands |= order is Order.LAND
         self.aborts |= order is Order.ABORT
-        return before != (self.started, self._holds, self.lands, self.aborts)
+        is_news = before != (self.lands, self.aborts)
+        return [Say(Severity.WARNING, SAID[order])] if is_news else []
 
     def receive_flags(self, beacon: Beacon) -> None:
         """Flags of another's beacon: whoever sends it could say so."""

@@ -58,7 +58,7 @@ REASONS: Final = {  # of a refusal: what an operator is told
 
 
 class Marks(Protocol):
-    """Where the state of a book outlives its process, and a power cut."""
+    """A disk, on which the state of a book outlives its process, and a power cut."""
 
     def save(self, state: bytes, *, wait: bool) -> bool:
         """Write it in place of the last. `wait`: until it is on the disk; False: it could not be written."""
@@ -121,7 +121,7 @@ class OrderBook:
             return []
         events = self._restore(now_s, airborne=airborne)
         genuine: list[SignedOrder] = []
-        for payload in self._candidates.take(CHECKS_MAX):
+        for payload in self._candidates.take_likeliest(CHECKS_MAX):
             order = read_order(payload)
             if order is not None and order_holds(payload, self._operator):
                 genuine.append(order)
@@ -151,13 +151,13 @@ class OrderBook:
             if order.kind is OrderKind.START and not airborne:
                 reason, self._flight = "not saved", before
             else:  # what holds, lands or goes on in the air does not wait for a disk
-                self._tell("not saved: ", "order obeyed, but not written to the disk", now_s)
+                self._report_text("not saved: ", "order obeyed, but not written to the disk", now_s)
         if reason:
             self._refuse(reason, now_s)
         return not reason
 
     def _find_objection(self, order: SignedOrder, *, airborne: bool) -> str:
-        """Why a genuine order is none for this vehicle now; empty: it is one."""
+        """The reason for which a genuine order is none for this vehicle now; empty: it is one."""
         is_start = order.kind is OrderKind.START
         if is_start and self._latched:
             return "ended"
@@ -202,9 +202,9 @@ class OrderBook:
     def _refuse(self, reason: str, now_s: float) -> None:
         self.refused[reason] += 1
         if reason != "replayed" or now_s - self._repeats.begun_s > SETTLED_S:
-            self._tell(reason, REASONS[reason], now_s)
+            self._report_text(reason, REASONS[reason], now_s)
 
-    def _tell(self, reason: str, text: str, now_s: float) -> None:
+    def _report_text(self, reason: str, text: str, now_s: float) -> None:
         if now_s - self._told_s.get(reason, -math.inf) >= TOLD_S:
             self._told_s[reason] = now_s
             self._says.append(Say(Severity.WARNING, text))

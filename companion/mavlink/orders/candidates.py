@@ -1,4 +1,4 @@
-"""Which of the orders that come are worth an Ed25519 check, 0.14 ms each: a flood of forged ones keeps no genuine out.
+"""Orders that wait for their Ed25519 check, 0.14 ms each: a flood of forged ones keeps no genuine one out.
 
 An order is sent again and again, byte for byte the same, by the operator and by all that have it. A forger who has no
 key of the swarm does not get past the MAC of the link, and one who has spends the checks on orders that are each
@@ -26,7 +26,7 @@ class _Slot:
 
 
 class Candidates:
-    """Payloads that wait for their check. Bounded; `take` once a tick."""
+    """Payloads that wait for their check. Bounded; `take_likeliest` once a tick."""
 
     def __init__(self, seed: int) -> None:
         """`seed`: whatever a forger does not know."""
@@ -48,7 +48,7 @@ class Candidates:
         self._bad[payload] = None
 
     def offer(self, payload: bytes, *, is_proven: bool) -> None:
-        """One that has come. Where all slots are taken it takes that of a rarer one, found by chance."""
+        """Adds one that has come. Where all slots are taken it takes that of a rarer one, found by chance."""
         slot = self._by_payload.get(payload)
         if slot is not None:
             slot.is_proven |= is_proven
@@ -70,8 +70,8 @@ class Candidates:
             self._slots[at] = new
             self._by_payload[payload] = new
 
-    def take(self, most: int) -> list[bytes]:
-        """Up to so many to check now, the likeliest first."""
+    def take_likeliest(self, most: int) -> list[bytes]:
+        """Takes up to so many to check now, the likeliest first."""
         self._tick += 1
         slots = self._slots
         if not slots:

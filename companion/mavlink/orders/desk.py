@@ -21,7 +21,7 @@ NEEDS_KEY: Final = "needs the operator's key: companion order"
 
 
 class OrderDesk(Protocol):
-    """What an endpoint asks of its orders."""
+    """The orders of one endpoint."""
 
     operator: OperatorOrders  # of its agent
 
@@ -99,13 +99,13 @@ class SignedOrders:
         return dialect.MAV_RESULT_DENIED, None
 
     def tick(self, agent: Agent, now_s: float) -> list[OperatorOrder]:
-        """Those of the book, once the autopilot has said whether it flies."""
+        """As the book, once the autopilot has said whether it flies."""
         vehicle = agent.flight.vehicle
         known = vehicle.landed is not LandedState.UNDEFINED
         return self._book.tick(now_s, airborne=vehicle.airborne if known else None)
 
     def payloads(self, now_s: float) -> list[bytes]:
-        """What is passed on."""
+        """As the book."""
         return self._book.payloads(now_s)
 
     def take_says(self) -> list[Say]:

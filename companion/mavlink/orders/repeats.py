@@ -1,4 +1,4 @@
-"""When an order is sent again. Of frames of which half are lost, one hop in 2^8 takes more than two beacon periods."""
+"""The times at which an order is sent again. Of frames of which half are lost 2^-8 take two periods a hop."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ class FleetKeys:
         )
 
     def operator(self, world: World) -> SignedOperator:
-        """Who has the operator's key: beside vehicle 1's start, heard and hearing as far as any."""
+        """The operator, with the key: beside vehicle 1's start, heard and hearing as far as any."""
         world.radio.set_range(OPERATOR_ID, math.inf)
         return SignedOperator(
             self.keyring(OPERATOR),

@@ -6,7 +6,7 @@ from typing import Final
 
 from companion.mavlink.schema.rows import Message, field
 
-ORDER_VERSION: Final = 1  # of what the fields of an order mean
+ORDER_VERSION: Final = 1  # of what the fields mean
 SIGNATURE_BYTES: Final = 64
 BOOTS_BYTES: Final = 164  # what MAVLink's 255 leave
 
