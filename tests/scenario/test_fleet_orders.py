@@ -10,6 +10,7 @@ import pytest
 from companion.core.agent import TICK_S, Agent
 from companion.core.model.events import OperatorOrder
 from companion.core.model.states import FlightMode, FlightState, Order, Request, SwarmPhase
+from companion.core.model.vectors import add
 from companion.core.vehicle.operator_orders import OperatorOrders
 from tests.unit.core.core_fleet import Fleet, asked, fleet, setpoints
 
@@ -128,6 +129,31 @@ def test_hold_stops_phase_and_its_timers_and_start_goes_on() -> None:
     swarm.run(5.0)
     assert {one.state for one in swarm.aircraft.values()} == {FlightState.COVERAGE}
     swarm.until("LANDED", limit_s=60.0)  # as the mission ends
+
+
+def test_held_leader_takes_the_swarm_no_further() -> None:
+    """Though it comes to rest where its phase would end."""
+    swarm = fleet(3)
+    for k in swarm.aircraft:
+        swarm.order(k, Order.HOLD)
+    swarm.run(3.0)
+    dest = swarm.aircraft[1].agent.localiser.destination.ned_m
+    assert dest is not None
+    swarm.aircraft[1].pos_ned_m = add(swarm.aircraft[1].pos_ned_m, dest)
+    swarm.run(5.0)
+    assert swarm.acting() == [1]
+    assert {one.agent.swarm.phases.phase for one in swarm.aircraft.values()} == {SwarmPhase.TRANSIT}
+
+
+def test_one_that_is_held_stays_though_its_swarm_lands() -> None:
+    swarm = fleet(3)
+    swarm.order(3, Order.HOLD)
+    for k in (1, 2):
+        swarm.order(k, Order.LAND)
+    swarm.until("LANDED", limit_s=30.0, among=(1, 2))
+    assert swarm.aircraft[3].state is FlightState.HOLD
+    swarm.order(3, Order.START)
+    swarm.until("LANDED", limit_s=30.0)
 
 
 def test_leader_lost_while_held_is_replaced() -> None:

@@ -341,3 +341,11 @@ def test_what_is_refused_is_said_at_a_bounded_rate() -> None:
         one.hear(*flood(rng, 5, repeats=1))
     assert one.said == ["order refused: not of the operator's key"] * 2
     assert one.book.counters()["orders refused, forged"] == 2000
+
+
+def test_same_forged_order_again_costs_no_second_check(monkeypatch: pytest.MonkeyPatch) -> None:
+    one, forged, checks = flying(), order(ABORT, 11, seed=VEHICLE_SEED), []
+    monkeypatch.setattr("companion.mavlink.orders.book.order_holds", lambda *_: checks.append(1))
+    for _ in range(20):
+        one.hear(forged)
+    assert len(checks) == 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from companion.keys.crypto import Verifier, public_key
+from companion.keys.crypto import Signer, Verifier, public_key
 from companion.mavlink import dialect
 from companion.mavlink.orders.order import (
     OrderKind,
@@ -80,3 +80,12 @@ def test_order_of_another_version_or_without_a_count_is_none() -> None:
 def test_boots_of_no_vehicle_of_the_swarm_are_left_out() -> None:
     assert pack_boots({0: 5, 5: 6, 300: 7}, 4) == bytes(164)
     assert names_boot(pack_boots(BOOTS, 4), 4, 4, BOOTS[4])
+
+
+def test_what_the_key_signs_for_another_purpose_is_no_order() -> None:
+    """The same fields, without the words that begin an order."""
+    payload = order(OrderKind.START, 5)
+    signature = Signer(OPERATOR_SEED).sign(payload[:27] + payload[91:])
+    assert not order_holds(payload[:27] + signature + payload[91:], OPERATOR)
+    with_words = Signer(OPERATOR_SEED).sign(b"understory order 1" + payload[:27] + payload[91:])
+    assert payload[27:91] == with_words
