@@ -88,7 +88,6 @@ class OrderBook:
         self._says: list[Say] = []
         self._told_s: dict[str, float] = {}
         self.refused: Counter[str] = Counter()  # orders that came, by reason
-        self.obeyed = 0
         if kept:
             self._load(kept)
 
@@ -180,7 +179,7 @@ class OrderBook:
 
     def _act(self, order: SignedOrder, *, hands_back: bool) -> OperatorOrder:
         self._latched = max(self._latched, order.kind.latched)
-        self.obeyed += 1
+        self._says.append(Say(Severity.INFO, f"order obeyed: {order.kind.name}"))
         return OperatorOrder(order.kind.order, hands_back)
 
     # --- out ---
@@ -195,9 +194,9 @@ class OrderBook:
         return says
 
     def counters(self) -> dict[str, int]:
-        """Counts for the log."""
+        """Counts for the log, of what was bad."""
         refused = {f"orders refused, {reason}": count for reason, count in sorted(self.refused.items())}
-        return {"orders obeyed": self.obeyed, **refused, "orders dropped unread": self._candidates.dropped}
+        return {**refused, "orders dropped unread": self._candidates.dropped}
 
     def _refuse(self, reason: str, now_s: float) -> None:
         self.refused[reason] += 1

@@ -41,7 +41,7 @@ class OrderDesk(Protocol):
         """Words for the operator, since last asked."""
 
     def counters(self) -> dict[str, int]:
-        """Counts for the log."""
+        """Counts for the log, of what was bad."""
 
 
 class UnsignedOrders:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from companion.core.model.events import OperatorOrder
-from companion.core.model.states import Order
+from companion.core.model.states import Order, Severity
 from companion.keys.crypto import Signer, public_key
 from companion.mavlink.beacon import COMPONENT
 from companion.mavlink.framing import wire
@@ -94,7 +94,7 @@ class Vehicle:
         for _ in range(ticks):
             self.now_s += TICK_S
             events += self.book.tick(self.now_s, airborne=self.airborne)
-            self.said += [say.text for say in self.book.take_says()]
+            self.said += [say.text for say in self.book.take_says() if say.severity is Severity.WARNING]
         return events
 
     def obeys(self, *payloads: bytes) -> list[Order]:

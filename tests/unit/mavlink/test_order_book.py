@@ -190,7 +190,7 @@ def test_counter_is_written_before_a_start_is_obeyed() -> None:
     one.book._marks.save = cut  # type: ignore[method-assign]
     with pytest.raises(CutError):
         one.hear(order(START, 10))
-    assert one.book.obeyed == 0
+    assert one.book.take_says() == []
 
 
 def test_full_disk_refuses_a_start_and_says_so_but_holds_and_lands_all_the_same() -> None:
