@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
+
 import pytest
 
 from companion.keys.crypto import Signer, Verifier, public_key
 from companion.mavlink import dialect
 from companion.mavlink.orders.order import (
+    ORDER_ID,
     OrderKind,
     boot_bits,
     names_boot,
@@ -89,3 +92,9 @@ def test_what_the_key_signs_for_another_purpose_is_no_order() -> None:
     assert not order_holds(payload[:27] + signature + payload[91:], OPERATOR)
     with_words = Signer(OPERATOR_SEED).sign(b"understory order 1" + payload[:27] + payload[91:])
     assert payload[27:91] == with_words
+
+
+def test_order_is_the_same_bytes_as_in_every_later_release() -> None:
+    """Another layout, or another signed part, is not understood by companions in the field."""
+    assert hashlib.sha256(order(OrderKind.START, 5)).hexdigest()[:32] == "d91bd773fc8912216264edb46be02a74"
+    assert (ORDER_ID, dialect.MAVLink_swarm_order_message.crc_extra) == (52106, 87)
