@@ -14,7 +14,8 @@ from typing import Any, Final
 
 from companion.shell.links import LinkError
 from companion.watch.alarms import alarms
-from companion.watch.charts import Chart, ChartError, open_chart
+from companion.watch.chart import Chart, ChartError
+from companion.watch.charts import open_chart
 from companion.watch.heard import Heard
 from companion.watch.server import Stream, WatchServer
 from companion.watch.udp_receiver import UdpReceiver

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Final
 from urllib.parse import parse_qs, urlsplit
 
-from companion.watch.charts import ZOOM_MAX, Chart
+from companion.watch.chart import ZOOM_MAX, Chart
 from companion.watch.connections import (
     SEND_BUFFER_BYTES,
     Connections,

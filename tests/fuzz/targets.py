@@ -20,7 +20,8 @@ from companion.mavlink.relative import read_relative_report
 from companion.records.frames import read_record, read_vector
 from companion.records.node import open_base
 from companion.records.store import StoreError, open_store
-from companion.watch.charts import ChartError, open_chart
+from companion.watch.chart import ChartError
+from companion.watch.charts import open_chart
 from companion.watch.command import about, view
 from companion.watch.heard import Heard
 from mission.common.problems import MissionError
