@@ -116,7 +116,3 @@ _.setpoints_rejected  # of a simulated autopilot, whose refusals have no message
 # To be deleted or shown by those who rewrite these parts.
 _.setpoint_ned_mps
 _.unsent
-
-# Of a companion with keys, which `companion run` will open.
-orders_of
-orders_path
