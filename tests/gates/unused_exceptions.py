@@ -40,7 +40,6 @@ __getattr__  # Python: of a module whose parts are imported when they are asked 
 _.time_utc  # preflight's report
 _.min_zoom  # watch: what the page is told of a chart
 _.max_zoom
-_.bounds_deg
 _.corners_deg
 _.size_px
 _.attribution
