@@ -322,7 +322,7 @@ ABOUT = {
     "orders": "orders of the operator's key, forged, replayed, in floods, and how fast one spreads: see orders --help",
     "lost-fixes": "vehicles that lose their GNSS fix among trees, sent ODOMETRY or not: see lost-fixes --help",
     "own-motion": "errors of velocity, heading and place by scans beside the reported ones: see own-motion --help",
-    "signed-radio": "frames forged, sent again or in another's name by the million; what signing costs: see signed-radio --help",
+    "signed-radio": "frames forged or sent again, by the million; what signing costs: see signed-radio --help",
     "stand-figures": "a stand's figures of drawn and real stands against the truth: see stand-figures --help",
     "stand-map": "the fused stem map of a flight that surveyed against its trees: see stand-map --help",
     "survey": "stems measured by a lidar of each class against the bridge's trees: see survey --help",
