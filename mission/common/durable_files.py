@@ -31,7 +31,7 @@ def replace_file(path: Path, data: bytes) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """What was made, replaced or removed there stays so. OSError."""
+    """Puts the names in it on the disk: of files that were made, replaced or removed. OSError."""
     fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         os.fsync(fd)
