@@ -137,21 +137,23 @@ class Watch:
         self.early: set[int] = set()
         self._spread: set[int] = set()
         self._lost: set[int] = set()
+        self._fallen: set[int] = set()
 
     def __call__(self, flight: Flight) -> None:
         """See `fly.fly`."""
         places = {k: place for k, place in flight.world.positions().items() if k != self._liar}
         companions = flight.lockstep.companions
         self._lost |= places.keys() - companions.keys()
-        self._check_pairs({k: p for k, p in places.items() if -p[2] > UP_M})
-        if not flight.faults.happened:
-            return
+        self._check_pairs({k: p for k, p in places.items() if -p[2] > UP_M and k not in self._fallen})
         for k, place in places.items():
             companion = companions.get(k)
             if not isinstance(companion, InProcess):
                 continue
             state = companion.endpoint.agent.flight.state
-            if state in STEERED and -place[2] > UP_M:
+            if not flight.faults.happened:
+                self._note_state(k, state)
+                continue
+            if state in STEERED and -place[2] > UP_M and k not in self._fallen:
                 self._check_fence(place)
             self._note_state(k, state)
             lease = companion.endpoint.agent.swarm.election.lease
@@ -168,6 +170,7 @@ class Watch:
                 self.nearest_m = min(self.nearest_m, apart_m)
                 if apart_m < CONTACT_M:
                     touching.add((a, b))
+                    self._fallen |= {a, b}  # from then on they fall, through every limit
         self.contacts += len(touching - self._touching)
         self._touching = touching
 

@@ -31,6 +31,7 @@ class Surroundings:
         "relayed",
         "seen",
         "silent_ned_m",
+        "told_ned_m",
     )
 
     def __init__(
@@ -54,7 +55,11 @@ class Surroundings:
         self.neighbours: Final = neighbours
         self.hovering: Final = hovering  # by id: in the air, and steered by no companion
         # Where those that fell silent hover: others that hover are among the neighbours.
-        self.silent_ned_m: Final[list[Vec3]] = find_hover_places([s for s in hovering.values() if s.silent])
+        silent = [s for s in hovering.values() if s.silent]
+        self.silent_ned_m: Final[list[Vec3]] = [s.rel_ned_m for s in silent if not s.received]
+        # And where others say so alone: that slows, and pushes nobody.
+        own = set(self.silent_ned_m)
+        self.told_ned_m: Final[list[Vec3]] = [rel for rel in find_hover_places(silent) if rel not in own]
         self.seen: Final = seen  # vehicles by the own scans, that are not heard
         # Places (relative) at which others hear those that this vehicle does not, and how old that is.
         self.relayed: Final = relayed
