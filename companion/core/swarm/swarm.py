@@ -85,8 +85,8 @@ class Swarm:
         self.abort |= beacon.abort
         if beacon.lease is not None and not self.has(beacon.lease.leader):
             return
-        self.trust.receive_lease(beacon, self.election, now_s)
-        if self.trust.believes_phase(beacon, self.election, self.phases, now_s):
+        is_news = self.trust.receive_lease(beacon, self.election, now_s)
+        if self.trust.believes_phase(beacon, self.election, self.phases, now_s, is_news=is_news):
             self.phases.adopt_phase(beacon.phase, now_s, beacon.stop)
 
     def forget_leader(self) -> None:
@@ -183,7 +183,7 @@ class Swarm:
         self.election.set_priority(self._priorities.of(self.me, self._reception))
         for vehicle, why in self.trust.run_period(picture, self.election, self.phases):
             self._reports.report_blocked(vehicle, why)
-        self.roster.excluded = self.trust.blocklist.bits()
+        self.roster.exclude(self.trust.blocklist.bits())
         heard = self.trust.find_views(contacts.beacons(now_s, within_s=ECHO_PERIODS * self._period_s))
         self.election.run_period(now_s, period_s=self._period_s, eligible=eligible, score=score, heard=heard)
         self._reports.report_leader(self.election.lease, is_steered=picture.is_steered)

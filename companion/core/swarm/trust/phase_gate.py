@@ -90,8 +90,11 @@ class PhaseGate:
         else:
             self._words.pop(beacon.sender, None)
 
-    def is_believed(self, beacon: Beacon, phases: Phases, hop: int, now_s: float) -> bool:
-        """The phase that this beacon tells may be gone over to. `hop`: the own distance from the leader."""
+    def is_believed(self, beacon: Beacon, phases: Phases, hop: int, now_s: float, *, is_news: bool) -> bool:
+        """The phase that this beacon tells may be gone over to. `hop`: the own distance from the leader.
+
+        `is_news`: its lease has just renewed that of the leader that is followed.
+        """
         lease = beacon.lease
         if lease is None:
             return False
@@ -107,7 +110,7 @@ class PhaseGate:
             needed = 1
         else:
             nearer = sum([w.hop < hop for w in followers.values()])
-            needed = WITNESSES if lease.leader in followers or nearer > 1 else 1
+            needed = WITNESSES if lease.leader in followers or nearer > 1 or not is_news else 1
         steps = is_step(phases.phase, phases.stop, beacon.phase, beacon.stop)
         if not steps and phases.phase > SwarmPhase.ASSEMBLE and len(fresh) > 1:
             needed = WITNESSES  # it has missed some: so the leader's word alone will not do

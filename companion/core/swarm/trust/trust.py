@@ -61,20 +61,19 @@ class Trust:
             beacon = replace(beacon, route_cost=LEAST_COST)
         return beacon
 
-    def receive_lease(self, beacon: Beacon, election: Election, now_s: float) -> None:
-        """A new beacon of another member, for the election: its lease, as far as it counts."""
+    def receive_lease(self, beacon: Beacon, election: Election, now_s: float) -> bool:
+        """A new beacon of another member, for the election: its lease, as far as it counts; True: it is news."""
         lease, sender = beacon.lease, beacon.sender
         if not self._leads.note_claim(beacon, election, now_s):
             self.blocklist.note_doubt(sender, "leads unasked", 1.0, now_s)
         if lease is None or self.blocklist.has(lease.leader) or not self._leads.may_lead(lease.leader):
-            return
+            return False
         if not self._priorities.may_have(lease.priority, lease.leader):
-            return
+            return False
         if sender == lease.leader:
             self._own_words_s[sender] = (lease.seq, now_s)
         believed = self._correct_lease(sender, lease, now_s)
-        if believed is not None:
-            election.receive_lease(believed, beacon.hop)
+        return believed is not None and election.receive_lease(believed, beacon.hop)
 
     def _correct_lease(self, sender: int, lease: Lease, now_s: float) -> Lease | None:
         """A relay's word of a leader that is heard here: its count as far as time has passed, the rest its own."""
@@ -88,13 +87,15 @@ class Trust:
             return lease
         return replace(lease, heir=own.heir, ends=own.ends, established=own.established)
 
-    def believes_phase(self, beacon: Beacon, election: Election, phases: Phases, now_s: float) -> bool:
+    def believes_phase(
+        self, beacon: Beacon, election: Election, phases: Phases, now_s: float, *, is_news: bool
+    ) -> bool:
         """The phase that it tells may be gone over to: it is of the leader that is followed, and see `PhaseGate`."""
         self.gate.store(beacon, now_s)
         lease, mine = beacon.lease, election.lease
         if lease is None or mine is None or lease.leader != mine.leader or election.role is Role.CLAIMANT:
             return False
-        if self.gate.is_believed(beacon, phases, election.hop, now_s):
+        if self.gate.is_believed(beacon, phases, election.hop, now_s, is_news=is_news):
             return True
         if beacon.sender == mine.leader and self.gate.is_foul(beacon, phases, now_s):
             self.blocklist.note_doubt(beacon.sender, "phase is false", PHASE_LIE, now_s)
