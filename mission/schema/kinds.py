@@ -44,7 +44,7 @@ class FaultKind(StrEnum):
 
 
 class Lie(StrEnum):
-    """What an insider's beacons tell; drawn numbers of each are the simulator's (`drive/links/insider`)."""
+    """Lie of an insider's beacons; its numbers are drawn (`sim_bridge/drive/links/insider.py`)."""
 
     PUSH = "push"  # it is close to another, and flies at it
     OFFSET = "offset"  # its position is off, by ever more

@@ -174,7 +174,7 @@ class Faults:
 
     @property
     def lies(self) -> dict[int, Lie]:
-        """What the beacons of these tell."""
+        """The lie of each insider, by id."""
         return {k: event.lie for event in self._of(FaultKind.INSIDER) if event.lie for k in event.vehicles}
 
     def never(self) -> list[Fault]:

@@ -67,7 +67,7 @@ class Radio:
 
     @property
     def positions(self) -> Mapping[int, Vec3]:
-        """Where the radios are, by rising id."""
+        """Positions of the radios, NED m, by rising id."""
         return self._positions
 
     def place(self, positions: Mapping[int, Vec3]) -> None:

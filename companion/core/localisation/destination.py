@@ -75,7 +75,7 @@ class Destination:
         self._kept_ned_m = None
 
     def _bring_round(self, received: Vec3, pos_ned_m: Vec3, stop: int, now_s: float) -> Vec3:
-        """What is received, or as near to it as a false word may bring this vehicle now."""
+        """The received vector, or as near to it as a false word may bring this vehicle now."""
         kept, at = self._kept_ned_m, self._at_ned_m
         if kept is None or at is None:
             self._kept_ned_m, self._kept_s = received, now_s

@@ -66,6 +66,6 @@ class Surroundings:
 
     @property
     def told_ned_m(self) -> list[Vec3]:
-        """Where one hovers silent as others say alone: that slows, and pushes nobody."""
+        """Positions at which others alone say that one hovers silent: they slow, and push nobody."""
         silent = [s for s in self.hovering.values() if s.silent]
         return [rel for s in silent for rel in ((s.rel_ned_m, *s.elsewhere) if s.received else s.elsewhere)]

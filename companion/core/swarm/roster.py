@@ -37,7 +37,7 @@ class Roster:
         self.flown |= beacon.flown & self._everyone
 
     def exclude(self, vehicles: int) -> None:
-        """Those whose words do not count now."""
+        """Leave out vehicles whose words do not count now; bit k-1 for vehicle k."""
         self._excluded = vehicles
 
     def mark_airborne(self) -> None:

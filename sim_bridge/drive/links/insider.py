@@ -85,7 +85,7 @@ class Insider:
         pos = self._frame.to_ned(
             Wgs84(self._frame.origin.lat_deg, self._frame.origin.lon_deg, here.alt_m) if hidden else here
         )
-        told = self.tell(Told(beacon, pos), now_s, places_ned_m)
+        told = self.tell_lie(Told(beacon, pos), now_s, places_ned_m)
         there = self._frame.to_wgs84(told.pos_ned_m)
         if hidden:
             there = Wgs84(NOWHERE_DEG, NOWHERE_DEG, there.alt_m)
@@ -94,7 +94,7 @@ class Insider:
             dialect.MAVLINK_MSG_ID_SWARM_BEACON, payload, seq=frame[4], system=self._me, component=COMPONENT
         )
 
-    def tell(self, told: Told, now_s: float, places_ned_m: Mapping[int, Vec3]) -> Told:
+    def tell_lie(self, told: Told, now_s: float, places_ned_m: Mapping[int, Vec3]) -> Told:
         """The beacon with the lie."""
         if self._began_s is None:
             self._began_s = now_s
@@ -264,7 +264,7 @@ class Insider:
 
 
 class Insiders:
-    """Those of one flight."""
+    """Registry of a flight's insiders."""
 
     def __init__(self, mission: Mission) -> None:
         self._mission = mission
@@ -272,7 +272,7 @@ class Insiders:
         self._lies: dict[int, Lie] = {}
 
     def set_lies(self, lies: Mapping[int, Lie]) -> None:
-        """What each of these tells from now on; the others tell what is so."""
+        """Set the lie of each of these from now on; the others tell what is so."""
         if lies != self._lies:
             self._found = {
                 k: self._found[k] if self._lies.get(k) is lie else Insider(self._mission, k, lie)
@@ -280,6 +280,6 @@ class Insiders:
             }
             self._lies = dict(lies)
 
-    def find(self, vehicle_id: int) -> Insider | None:
-        """That vehicle's; None: it is honest."""
+    def find_insider(self, vehicle_id: int) -> Insider | None:
+        """The insider of that vehicle; None: it is honest."""
         return self._found.get(vehicle_id)

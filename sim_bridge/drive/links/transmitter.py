@@ -36,7 +36,7 @@ class Transmitter:
         """A datagram from `sender`'s own socket; returns the valid beacons in it. KeyError: its radio has no place."""
         sent = []
         found = _Found()
-        insider = None if self._insiders is None else self._insiders.find(sender)
+        insider = None if self._insiders is None else self._insiders.find_insider(sender)
         each = beacons(data, found.take_frame)
         beside, behind = b"", b"".join(self._frames_of(sender, found.proofs))
         for frame, word in found.words:

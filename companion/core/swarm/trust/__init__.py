@@ -1,1 +1,1 @@
-"""How far a member's word goes: what one alone may not bring about, and whose words count for separation alone."""
+"""Limits of a member's word: what one alone may not bring about, and whose words count for separation alone."""

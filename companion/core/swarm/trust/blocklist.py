@@ -63,18 +63,18 @@ class Blocklist:
             self._doubted = {k: at_s for k, at_s in self._doubted.items() if now_s - at_s <= BLOCKED_S}
 
     def has(self, vehicle: int) -> bool:
-        """That one is blocked."""
+        """True: it is blocked."""
         return vehicle in self._doubted or vehicle in self._proven
 
     def bits(self) -> int:
-        """Those that are; bit k-1 for vehicle k."""
+        """The blocked members; bit k-1 for vehicle k."""
         bits = 0
         for vehicle in (*self._proven, *self._doubted):
             bits |= 1 << (vehicle - 1)
         return bits
 
     def take_news(self) -> list[tuple[int, str]]:
-        """Those blocked since this was asked last, and why."""
+        """The members blocked since this was asked last, and why."""
         news, self._news = self._news, []
         return news
 

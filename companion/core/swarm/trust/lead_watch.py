@@ -1,4 +1,4 @@
-"""Whether a vehicle may lead, by what is observed here: how it came to lead, and where its lead has brought this one.
+"""The watch on a leader, by what is observed here: how it came to lead, and where its lead has brought this one.
 
 While a leader is heard of, no other one in radio contact can come to lead but by its hand-over: each that hears the
 leader's lease follows it. So one that follows it, or claims in vain, and says a moment later that it leads, is not

@@ -1,4 +1,4 @@
-"""Which announced phase is believed: one step at a time, as the mission has them, and not by one relay's word alone.
+"""The gate for announced phases: one step at a time, as the mission has them, and not by one relay's word alone.
 
 A phase is its leader's to announce. Who hears the leader goes by the leader's own word; who does not, by two members'
 where it has two ways to the leader. A leader itself goes over to a phase further on when two say so (it has joined a
@@ -28,7 +28,7 @@ BACK_M: Final = 30.0
 
 @dataclass(slots=True, init=False)
 class _Word:
-    """What a member said of the phase last."""
+    """A member's last word of the phase."""
 
     phase: Final[SwarmPhase]
     stop: Final[int]

@@ -1,4 +1,4 @@
-"""What one vehicle makes of its members' words, before election, phases and routes do: see the modules beside it."""
+"""Judges members' words before election, phases and routes take them in: see the modules beside it."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ class Trust:
         return self.blocklist.take_news()
 
     def find_views(self, heard: Sequence[Beacon]) -> list[Beacon]:
-        """Those whose views of the leader count."""
+        """The beacons whose views of the leader count."""
         return [beacon for beacon in heard if not self.blocklist.has(beacon.sender)]
 
     def check_route(self, route: Route, neighbours: Sequence[Neighbour], lease: Lease | None, now_s: float) -> None:

@@ -282,15 +282,6 @@ def test_between_two_that_are_too_near_it_rests() -> None:
     assert abs(east) <= TOLERANCE_MPS
 
 
-def test_one_that_claims_to_be_on_top_of_it_pushes_it_at_nobody() -> None:
-    beside, on_top = neighbour(2, (0.0, 5.6, 0.0)), neighbour(3, (0.0, -0.5, 0.0), vel_ned_mps=(0.0, 3.0, 0.0))
-    alone = apply(ZERO, neighbours=(beside,))[1]
-    pushed = apply(ZERO, neighbours=(beside, on_top))[1]
-    assert alone == 0.0
-    room_mps = OPEN.response.closing_mps(5.6 - OPEN.hard_separation_m - 0.3) / 2.0
-    assert pushed <= room_mps + TOLERANCE_MPS
-
-
 def test_bounds_that_meet_at_an_angle_are_all_kept() -> None:
     sixty = (0.5, math.sqrt(0.75), 0.0)
     v = keep_within((4.0, 4.0, 0.0), [Bound((1.0, 0.0, 0.0), 1.0), Bound(sixty, 1.0)])
