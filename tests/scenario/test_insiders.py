@@ -159,6 +159,33 @@ def test_one_that_is_proven_to_lie_counts_for_separation_alone() -> None:
     assert 1 not in leaders(swarm, among)
 
 
+def test_a_blocked_leader_is_given_up_at_once_and_not_taken_from_those_that_follow_it() -> None:
+    swarm = fleet(FLEET)
+    one = swarm.aircraft[2].agent.swarm
+    one.block(1, "equivocates")
+    for _ in range(60):
+        swarm.run(0.1)
+        assert one.election.lease is None or one.election.lease.leader != 1
+    assert leaders(swarm, [3, 4, 5]) == {1}
+
+
+def test_a_relay_tells_no_count_that_the_leader_cannot_have_come_to() -> None:
+    swarm = fleet(FLEET)
+
+    def lie(sent: Beacon) -> Beacon:
+        assert sent.lease is not None
+        return replace(sent, lease=replace(sent.lease, seq=sent.lease.seq + 500, heir=3, ends=sent.lease.seq + 505))
+
+    swarm.lies[3] = lie
+    one = swarm.aircraft[5].agent.swarm.election
+    before = one.lease
+    swarm.run(0.5)
+    assert before is not None
+    assert one.lease is not None
+    assert one.lease.seq < before.seq + 20
+    assert one.lease.ends == 0
+
+
 @pytest.mark.parametrize("near_m", [0.5, 2.0, 4.0])
 def test_one_that_claims_to_fly_at_others_brings_none_together(near_m: float) -> None:
     """It stands where it leads one to its nearest other."""
