@@ -16,6 +16,7 @@ from mission.common.frames import Vec3, enu_to_ned
 from mission.document.model import Mission
 
 FOLLOW_M: Final = 3.0  # that others' words count at once: odometry and they differ by less from moment to moment
+TOLD_S: Final = 1.0
 FOLLOW_MPS: Final = 0.5  # and for longer: how fast odometry may drift, and a leader goes over to GNSS
 
 
@@ -23,7 +24,7 @@ FOLLOW_MPS: Final = 0.5  # and for longer: how fast odometry may drift, and a le
 class Destination:
     """One vehicle's: `ned_m` is the vector, None until it is known."""
 
-    __slots__ = ("_at_ned_m", "_kept_ned_m", "_kept_s", "_stop", "_stops_ned_m", "lag_m", "ned_m")
+    __slots__ = ("_at_ned_m", "_kept_ned_m", "_kept_s", "_stop", "_stops_ned_m", "_told_until_s", "lag_m", "ned_m")
 
     def __init__(self, mission: Mission) -> None:
         self.ned_m: Vec3 | None = None
@@ -32,6 +33,7 @@ class Destination:
         self._at_ned_m: Vec3 | None = None  # odometry reading that goes with it
         self._kept_ned_m: Vec3 | None = None  # a follower's by its own odometry, which others' words bring round slowly
         self._kept_s = 0.0
+        self._told_until_s = -math.inf  # others' words count alone
         self._stop = 0  # index of the visit that it leads to
 
     def update_leader(self, pos_ned_m: Vec3, stop: int) -> None:
@@ -77,11 +79,12 @@ class Destination:
     def _bring_round(self, received: Vec3, pos_ned_m: Vec3, stop: int, now_s: float) -> Vec3:
         """The received vector, or as near to it as a false word may bring this vehicle now."""
         kept, at = self._kept_ned_m, self._at_ned_m
-        if kept is None or at is None:
+        if stop != self._stop:  # to another tree: how far apart they are, it is told, by one after the other
+            self._told_until_s = now_s + TOLD_S
+        if kept is None or at is None or now_s < self._told_until_s:
             self._kept_ned_m, self._kept_s = received, now_s
             return received
-        on = sub(self._stops_ned_m[stop], self._stops_ned_m[self._stop])
-        kept = add(on, sub(kept, sub(pos_ned_m, at)))
+        kept = sub(kept, sub(pos_ned_m, at))
         since_s, self._kept_s = max(0.0, now_s - self._kept_s), now_s
         self._kept_ned_m, _ = _approach(kept, received, FOLLOW_MPS * since_s)
         found, _ = _approach(self._kept_ned_m, received, FOLLOW_M)

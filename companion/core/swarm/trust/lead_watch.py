@@ -4,8 +4,8 @@ While a leader is heard of, no other one in radio contact can come to lead but b
 leader's lease follows it. So one that follows it, or claims in vain, and says a moment later that it leads, is not
 believed. (One that was not heard meanwhile may come from another part: that one is, by the election's rank.)
 
-A leader that brings this vehicle far from the way of the mission, or gets it nowhere for longer than one waits that
-keeps the mission's times, is given up: by the own odometry alone, of which only differences count.
+A leader that brings this vehicle far from the way that it was told when the swarm set out, or gets it nowhere for
+longer than one waits that keeps the mission's times, is given up: by the own odometry, of which only differences count.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from typing import Final, final
 
 from companion.core.model.beacon import Beacon, Lease
 from companion.core.model.states import SwarmPhase
-from companion.core.model.vectors import ZERO, sub
+from companion.core.model.vectors import add
 from companion.core.swarm.election import Election
 from companion.core.swarm.phases import STUCK_LAND_S, TOO_FEW_LAND_S, Phases
 from mission.common.forming import FORMING_LIMIT_S
-from mission.common.frames import Vec3, enu_to_ned
+from mission.common.frames import Vec3
 from mission.document.model import AtEnd, Mission
 
 FRESH_PERIODS: Final = 5  # since news of the leader: those in radio contact have had some, too
@@ -28,6 +28,7 @@ CORRIDOR_M: Final = 15.0  # beside the way d1-d2, over half of a formation: deto
 LEFT_PERIODS: Final = 20  # T_L
 SLACK_S: Final = 60.0  # beyond the mission's own times
 MOVED_M: Final = 5.0
+TOLD_S: Final = 1.0  # after a phase has begun: where it leads comes a beacon or two later
 
 
 @final
@@ -46,14 +47,11 @@ class LeadWatch:
         "_moved_s",
         "_phase",
         "_usurpers",
-        "_way_ne_m",
+        "_way_ned_m",
         "_width_m",
     )
 
     def __init__(self, mission: Mission) -> None:
-        d1 = enu_to_ned(mission.route.d1_enu_m)
-        # From d1 to each tree, and back.
-        self._way_ne_m: Final[list[Vec3]] = [sub(enu_to_ned(visit.pos_enu_m), d1) for visit in mission.visits] + [ZERO]
         self._width_m: Final = CORRIDOR_M + 0.5 * mission.radio.transit_range_m
         self._limits_s: Final = [visit.duration_s + FORMING_LIMIT_S + SLACK_S for visit in mission.visits]
         self._holds: Final = mission.route.at_end is AtEnd.HOLD
@@ -61,7 +59,8 @@ class LeadWatch:
         self._beacons: dict[int, tuple[float, Lease | None]] = {}  # by sender: when, and whom it followed
         self._usurpers: set[int] = set()
         self._phase = SwarmPhase.ASSEMBLE
-        self._from_ned_m: Vec3 | None = None  # where it was when the swarm left d1
+        # Where it was when the swarm left d1, and where it was told then, and at each tree, that the way leads.
+        self._way_ned_m: list[Vec3] = []
         self._left = 0  # periods beside the way
         self._moved_ned_m: Vec3 | None = None
         self._moved_s = 0.0
@@ -111,13 +110,17 @@ class LeadWatch:
 
     # --- where its lead has brought this one ---
 
-    def find_fault(self, pos_ned_m: Vec3, phases: Phases, now_s: float, *, follows: bool) -> str:
-        """Each period: why the leader is given up, in words; empty: it is not. `follows`: steered, by its lead."""
+    def find_fault(
+        self, pos_ned_m: Vec3, dest_ned_m: Vec3 | None, phases: Phases, now_s: float, *, follows: bool
+    ) -> str:
+        """Each period: why the leader is given up, in words; empty: it is not. `follows`: steered, by its lead.
+
+        `dest_ned_m`: the vector to d2, or the visit before it, as it is told: never the mission's (rule 5).
+        """
         phase = phases.phase
         if self._moved_ned_m is None or math.dist(pos_ned_m, self._moved_ned_m) > MOVED_M or phase is not self._phase:
             self._moved_ned_m, self._moved_s = pos_ned_m, now_s
-        if phase <= SwarmPhase.GATHER:
-            self._from_ned_m = pos_ned_m
+        self._note_way(pos_ned_m, dest_ned_m, phases, now_s)
         self._phase = phase
         if not follows or not phases.saw_begin:
             self._left, self._moved_s = 0, now_s
@@ -136,15 +139,22 @@ class LeadWatch:
                 return "leaves the way" if self._left > LEFT_PERIODS else ""
         return ""
 
+    def _note_way(self, pos_ned_m: Vec3, dest_ned_m: Vec3 | None, phases: Phases, now_s: float) -> None:
+        """Keep where it sets out, and where to: news of both comes within a second."""
+        if phases.phase <= SwarmPhase.GATHER:
+            self._way_ned_m = [pos_ned_m]
+        sets_out = phases.phase is SwarmPhase.TRANSIT and now_s - phases.since_s <= TOLD_S
+        if sets_out and dest_ned_m is not None and self._way_ned_m:
+            self._way_ned_m = [*self._way_ned_m[: 1 + phases.stop], add(pos_ned_m, dest_ned_m)]
+
     def _is_beside(self, pos_ned_m: Vec3) -> bool:
-        """By the own odometry it is farther from the way than a formation is wide."""
-        if self._from_ned_m is None:
+        """By the own odometry it is farther from the way, there and back, than a formation is wide."""
+        if len(self._way_ned_m) < 2:
             return False
-        here = sub(pos_ned_m, self._from_ned_m)
-        before = ZERO
+        before = self._way_ned_m[-1]
         least_m = math.inf
-        for place in self._way_ne_m:
-            least_m = min(least_m, _level_distance_m(here, before, place))
+        for place in self._way_ned_m:
+            least_m = min(least_m, _level_distance_m(pos_ned_m, before, place))
             before = place
         return least_m > self._width_m
 

@@ -109,7 +109,7 @@ class Trust:
         if own is not None:
             follows = picture.is_steered and election.role is Role.FOLLOWER and lease is not None
             self.gate.note_position(own.pos_ned_m, phases.phase)
-            fault = self._leads.find_fault(own.pos_ned_m, phases, now_s, follows=follows)
+            fault = self._leads.find_fault(own.pos_ned_m, picture.dest_ned_m, phases, now_s, follows=follows)
             if fault and lease is not None:
                 self.blocklist.note_doubt(lease.leader, fault, DOUBT_LIMIT, now_s)
         self.blocklist.fade(now_s)
