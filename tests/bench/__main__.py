@@ -318,6 +318,7 @@ ABOUT = {
     "planted-defects": "after how many flights sim-bridge search finds a defect that is put into a copy",
     "encounters": "two vehicles that do not hear each other meet: how near they come: see encounters --help",
     "lost-fixes": "vehicles that lose their GNSS fix among trees, sent ODOMETRY or not: see lost-fixes --help",
+    "insiders": "one member whose beacons lie, and what comes of it for the others: see insiders --help",
     "own-motion": "errors of velocity, heading and place by scans beside the reported ones: see own-motion --help",
     "stand-figures": "a stand's figures of drawn and real stands against the truth: see stand-figures --help",
     "stand-map": "the fused stem map of a flight that surveyed against its trees: see stand-map --help",

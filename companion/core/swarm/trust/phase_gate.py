@@ -23,7 +23,6 @@ WITNESSES: Final = 2  # F + 1: one of them is honest
 EARLY_SHARE: Final = 0.8  # of a time by the mission: news of a phase takes as long as it is late
 EARLY_S: Final = 1.0
 BACK_SHARE: Final = 0.3  # of the way that it has been from d1: nearer, it is back there
-BACK_M: Final = 30.0
 
 
 @dataclass(slots=True, init=False)
@@ -50,6 +49,7 @@ class PhaseGate:
 
     __slots__ = (
         "_at_end",
+        "_back_m",
         "_durations_s",
         "_farthest_m",
         "_from_ned_m",
@@ -65,6 +65,7 @@ class PhaseGate:
         self._heard_s: Final = HEARD_PERIODS / mission.radio.beacon_rate_hz
         self._durations_s: Final = [visit.duration_s for visit in mission.visits]
         self._at_end: Final = mission.route.at_end
+        self._back_m: Final = mission.radio.full_range_m  # a straggler is landed where it hears of it
         vehicles = range(1, mission.swarm.size + 1)
         loses = not all([mission.has_satellites(k) for k in vehicles])
         self.may_turn_back = loses and mission.swarm.position_uncertain is PositionUncertain.RETURN
@@ -163,4 +164,4 @@ class PhaseGate:
         if self._pos_ned_m is None or self._from_ned_m is None:
             return True
         away_m = math.dist(self._pos_ned_m, self._from_ned_m)
-        return away_m <= max(BACK_M, BACK_SHARE * self._farthest_m)
+        return away_m <= max(self._back_m, BACK_SHARE * self._farthest_m)
