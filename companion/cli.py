@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from companion import help_texts
 from companion.keys.options import add_key_commands
 from companion.lidar.options import MODEL_NAMES, RAW_NAMES, parse_band, parse_mask
+from companion.order.options import add_order_commands
 from companion.sensor_options import add_sensor_options
 from companion.shell.urls import AUTOPILOT_SCHEMES, HEARING_SCHEMES, PEERS_SCHEMES, Scheme, Url, UrlError, parse_url
 from companion.stand.form_height import FORM_HEIGHT_M
@@ -97,6 +98,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_base(commands)
     _add_stand(commands)
     add_key_commands(commands)
+    add_order_commands(commands, peers=_url(PEERS_SCHEMES), ground_station=_url(PEERS_SCHEMES), vehicle=_vehicle_id)
     add_examples(parser, help_texts.EXAMPLES)
     return parser
 
@@ -304,6 +306,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         from companion.keys.command import key
 
         return key(arguments)
+    if arguments.command == "order":
+        from companion.order.command import order
+
+        return order(arguments)
     gc.disable()  # what loading makes stays
     from companion import run_command
 

@@ -39,7 +39,7 @@ class Fleet:
     stale: frozenset[int]
 
     def keyring_of(self, vehicle: int) -> Keyring:
-        """What this vehicle's file is to hold."""
+        """The content that this vehicle's file is to have."""
         return replace(self.operator, owner=vehicle, seed=self.seeds[vehicle])
 
 

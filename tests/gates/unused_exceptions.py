@@ -16,12 +16,15 @@ _.satellites_visible  # MAVLink messages of GNSS receivers
 _.daemon_threads  # socketserver
 _.block_on_close
 _.allow_reuse_address
+_.request_queue_size
 _.handle_error
 _.server_version  # http.server
 _.sys_version
 _.do_GET
 _.close_connection
+_.handle
 _.log_message
+_.writable  # io
 _.description  # argparse
 _.formatter_class
 _.text_factory  # sqlite3
@@ -113,3 +116,7 @@ _.setpoints_rejected  # of a simulated autopilot, whose refusals have no message
 # To be deleted or shown by those who rewrite these parts.
 _.setpoint_ned_mps
 _.unsent
+
+# Of a companion with keys, which `companion run` will open.
+orders_of
+orders_path

@@ -69,13 +69,35 @@ class Phases:
         self._nearest_m, self._nearer_s, self._led_s = math.inf, now_s, -math.inf
         climb_s = mission.route.d1_enu_m[2] / mission.limits.climb_max_mps
         self.gather_limit_s: Final = GATHER_LIMIT_S + 2.0 * climb_s
+        self._held_s, self._ticked_s = 0.0, now_s  # all times here stand still while an operator holds the swarm
+        self._held_before_s = 0.0  # of it: before this phase
+
+    def obey(self, now_s: float, *, holds: bool, lands: bool) -> None:
+        """Each tick: whether an operator's order stops the phases' time, or ends the mission."""
+        if holds:
+            self._held_s += now_s - self._ticked_s
+        self._ticked_s = now_s
+        if lands and self.phase is not SwarmPhase.LAND:
+            self._enter_phase(SwarmPhase.LAND, self._mission_s(now_s))
+
+    def _mission_s(self, now_s: float) -> float:
+        """`now_s` by a clock that does not run while an operator holds the swarm."""
+        return now_s - self._held_s
+
+    def elapsed_s(self, now_s: float) -> float:
+        """Since this phase began, without the time for which an operator held this vehicle."""
+        return self._mission_s(now_s) - self.since_s
+
+    def most_elapsed_s(self, now_s: float) -> float:
+        """The same with that time: as long as it may be for a leader that was not held."""
+        return now_s - self._held_before_s - self.since_s
 
     def adopt_phase(self, phase: SwarmPhase, now_s: float, stop: int = 0) -> None:
         """The leader has announced `phase`, at `stop`. A swarm only goes on, so an older word changes nothing."""
         if stop < len(self._visits) and progress_of(phase, stop) > progress_of(self.phase, self.stop):
             self.saw_begin = is_step(self.phase, self.stop, phase, stop)
             self.stop = stop
-            self._enter_phase(phase, now_s)
+            self._enter_phase(phase, self._mission_s(now_s))
 
     def goal(self) -> tuple[Vec3, float] | None:
         """A leader's goal now (NED m about the origin), and how far from it it comes to rest, in metres."""
@@ -103,7 +125,8 @@ class Phases:
 
     def decide_phase(self, done: int, *, to_goal_m: float, started: bool, now_s: float) -> bool:
         """One period as leader; `done` as in the beacon, from all branches. True when the phase has changed."""
-        self._updateprogress_of(to_goal_m, now_s)
+        now_s = self._mission_s(now_s)
+        self._update_progress(to_goal_m, now_s)
         if self.phase is SwarmPhase.ASSEMBLE and started and not self._started:
             self._started, self.since_s = True, now_s
         for event, phase in TRANSITIONS[self.phase]:
@@ -125,7 +148,7 @@ class Phases:
             case PhaseEvent.GATHERED:
                 return at_goal and self._complete(done, self.gather_limit_s, now_s)
             case PhaseEvent.TOO_FEW:
-                return self.overdue(now_s - TOO_FEW_LAND_S)
+                return self._is_overdue(now_s - TOO_FEW_LAND_S)
             case PhaseEvent.ARRIVED:
                 return at_goal
             case PhaseEvent.NEXT_TREE:
@@ -137,7 +160,7 @@ class Phases:
             case PhaseEvent.CLOSED_UP:
                 return self._closed_up(done, at_goal=at_goal, now_s=now_s)
 
-    def _updateprogress_of(self, to_goal_m: float, now_s: float) -> None:
+    def _update_progress(self, to_goal_m: float, now_s: float) -> None:
         """Notes when the leader last came nearer to its goal, on the way to d2 or back."""
         led_s, self._led_s = self._led_s, now_s
         under_way = self.phase in (SwarmPhase.TRANSIT, SwarmPhase.RETURN)
@@ -151,11 +174,11 @@ class Phases:
 
     def is_near_end(self, now_s: float) -> bool:
         """The swarm is at the last tree, and whether it has formed counts from now on (see `note_unformed`)."""
-        return self.phase is SwarmPhase.COVERAGE and self._at_last and self._forming.is_near_end(now_s)
+        return self.phase is SwarmPhase.COVERAGE and self._at_last and self._forming.is_near_end(self._mission_s(now_s))
 
     def note_unformed(self, now_s: float) -> None:
         """The ring or sphere is not formed now: the leader goes on with its coverage."""
-        self._forming.note_unformed(now_s)
+        self._forming.note_unformed(self._mission_s(now_s))
 
     def _is_covered(self, now_s: float) -> bool:
         """The swarm has been at this tree for its time, and has formed about the last one."""
@@ -167,11 +190,14 @@ class Phases:
         """A leader's, which knows no better than to go back; True: that is news."""
         if self.phase not in (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE):
             return False
-        self._enter_phase(SwarmPhase.RETURN, now_s)
+        self._enter_phase(SwarmPhase.RETURN, self._mission_s(now_s))
         return True
 
     def overdue(self, now_s: float) -> bool:
         """The swarm waits at d1 for longer than it should have to."""
+        return self._is_overdue(self._mission_s(now_s))
+
+    def _is_overdue(self, now_s: float) -> bool:
         return self.phase is SwarmPhase.GATHER and now_s - self.since_s >= self.gather_limit_s
 
     def _complete(self, done: int, limit_s: float, now_s: float) -> bool:
@@ -195,6 +221,7 @@ class Phases:
         """From now on."""
         self.phase = phase
         self.since_s = self._nearer_s = now_s
+        self._held_before_s = self._held_s
         self._nearest_m = math.inf
         self._forming = FormingTime(self._visits[self.stop].duration_s, now_s)
         self._met_since_s = self._arrived_s = None

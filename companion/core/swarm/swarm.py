@@ -28,6 +28,7 @@ from companion.core.swarm.roster import Roster
 from companion.core.swarm.trust.trust import Trust
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import Finding, Readings, Source
+from companion.core.vehicle.operator_orders import OperatorOrders
 from mission.common.frames import Vec3
 from mission.document.model import CoverageShape, Mission, PositionUncertain
 
@@ -41,8 +42,9 @@ NOT_AT_IT = (FlightState.HOLD, FlightState.SEEKING)  # steered, but not as the p
 class Swarm:
     """Feed it the beacons with `receive_beacon`; `run_period` once per beacon period."""
 
-    def __init__(self, mission: Mission, me: int) -> None:
-        self.me = me
+    def __init__(self, mission: Mission, me: int, operator: OperatorOrders) -> None:
+        """`operator`: the orders that this vehicle holds."""
+        self.me, self.operator = me, operator
         self._reception = Reception.GOOD if mission.has_satellites(me) else Reception.NONE
         self._priorities = Priorities(mission)
         self.trust = Trust(mission, me, self._priorities)
@@ -53,8 +55,6 @@ class Swarm:
         self.route = formation.NOWHERE
         self.governor = 1.0  # share of cruise speed for this vehicle's branch
         self._is_link_bad = False  # the one up the route
-        self.started = False  # an operator has allowed the flight
-        self.abort = False  # an operator has ordered all to land; latched
         self.backtracking = Backtracking()  # of its own, where its position may get uncertain
         self._home: Vec3 | None = None  # the next position on the way back
         self.launched = False  # the swarm takes off, or has
@@ -81,8 +81,7 @@ class Swarm:
     def receive_beacon(self, beacon: Beacon, now_s: float) -> None:
         """A new beacon of another member."""
         self.roster.update_flown(beacon)
-        self.started |= beacon.start
-        self.abort |= beacon.abort
+        self.operator.receive_flags(beacon)
         if beacon.lease is not None and not self.has(beacon.lease.leader):
             return
         is_news = self.trust.receive_lease(beacon, self.election, now_s)
@@ -93,18 +92,11 @@ class Swarm:
         """After a stall: what is known of the leader is old."""
         self.election = self._new_election(self._mission)
 
-    def allow_start(self) -> None:
-        """An operator allows the flight."""
-        self.started = True
-
-    def land_all(self) -> None:
-        """An operator orders all to land."""
-        self.abort = True
-
     # --- each tick ---
 
     def update_picture(self, picture: Picture) -> None:
         """Each tick, before anything is decided: contact with peers, who has taken off, the way back."""
+        self.phases.obey(picture.now_s, holds=self.operator.holds, lands=self.operator.lands)
         own = picture.own
         if own is not None and (picture.airborne or picture.state is FlightState.TAKING_OFF):
             self.roster.mark_airborne()
@@ -124,9 +116,10 @@ class Swarm:
         phase = self.phases.phase
         holds_lost = picture.is_position_lost and self._mission.swarm.position_uncertain is PositionUncertain.HOLD
         readings = Readings(
-            land_all=self.abort,
+            land_all=self.operator.aborts,
             clear_below=clear_below,
-            swarm_lands=phase is SwarmPhase.LAND,
+            swarm_lands=phase is SwarmPhase.LAND and not self.operator.holds,
+            operator_holds=self.operator.holds,
             global_lost=holds_lost and phase in OUTWARD,
             alone_s=self.partition.no_contact_s(picture.now_s),
             parted_s=self.partition.partitioned_s(picture.now_s),
@@ -181,7 +174,8 @@ class Swarm:
         eligible = there and not resigns
         score = score_of(picture.battery_percent, self._reception)
         self.election.set_priority(self._priorities.of(self.me, self._reception))
-        for vehicle, why in self.trust.run_period(picture, self.election, self.phases):
+        news = self.trust.run_period(picture, self.election, self.phases, is_held=self.operator.holds)
+        for vehicle, why in news:
             self._reports.report_blocked(vehicle, why)
         self.roster.exclude(self.trust.blocklist.bits())
         heard = self.trust.find_views(contacts.beacons(now_s, within_s=ECHO_PERIODS * self._period_s))
@@ -193,7 +187,8 @@ class Swarm:
         if self.phases.phase >= SwarmPhase.GATHER and not self.launched:
             self.launched = True
             self.roster.mark_launched(contacts.ready(now_s))
-        return self.election.role is Role.LEADER and eligible and not self._holds(picture)
+        decides = eligible and not self.operator.holds and not self._holds(picture)
+        return decides and self.election.role is Role.LEADER
 
     def find_route(self, picture: Picture) -> None:
         """The way to the leader, how fast it may go, and what comes up it: which are there, and which have done it."""
@@ -237,14 +232,14 @@ class Swarm:
             self.phases.note_unformed(now_s)
         done, phase = self.roster.done, self.phases.phase
         done = self._may_leave(self.roster.with_excluded(done), is_lost=is_lost)
-        if self.phases.decide_phase(done, to_goal_m=to_goal_m, started=self.started, now_s=now_s):
+        if self.phases.decide_phase(done, to_goal_m=to_goal_m, started=self.operator.started, now_s=now_s):
             entered = self.phases.phase
             if entered is SwarmPhase.GATHER:
                 self.roster.mark_launched(done)
             if entered is SwarmPhase.LAND and phase in (SwarmPhase.TRANSIT, SwarmPhase.RETURN) and not there:
                 self._reports.report_stuck()
             self._reports.report_phase(entered, phase, self.phases.stop, done)
-        elif (phase is SwarmPhase.ASSEMBLE and self.started) or self.phases.overdue(now_s):
+        elif (phase is SwarmPhase.ASSEMBLE and self.operator.started) or self.phases.overdue(now_s):
             self._reports.report_absent(done, now_s)
 
     def _is_formed(self, picture: Picture) -> bool:
@@ -299,8 +294,8 @@ class Swarm:
             phase=self.phases.phase,
             state=state,
             airborne=airborne,
-            start=self.started,
-            abort=self.abort,
+            start=self.operator.started,
+            abort=self.operator.aborts,
             done=roster.done,
             range_m=range_m,
             present=roster.present,

@@ -53,6 +53,12 @@ class Guard(Protocol):
     def take_proof(self, frame: bytes, now_s: float) -> bool:
         """A frame that proves itself; False: it is none."""
 
+    def holds_mac(self, frame: bytes) -> bool:
+        """The frame of a message that proves itself was sealed by one of the swarm, in this flight or an earlier."""
+
+    def boots(self) -> dict[int, int]:
+        """The boot of each sender that has proven it."""
+
     def believe(self, decoded: Decoded, sender: int, now_s: float) -> Decoded:
         """The part of an admitted beacon that counts: all of it, or what slows alone."""
 
@@ -86,6 +92,12 @@ class OpenGuard:
 
     def take_proof(self, frame: bytes, now_s: float) -> bool:  # noqa: ARG002
         return False
+
+    def holds_mac(self, frame: bytes) -> bool:  # noqa: ARG002
+        return False
+
+    def boots(self) -> dict[int, int]:
+        return {}
 
     def believe(self, decoded: Decoded, sender: int, now_s: float) -> Decoded:  # noqa: ARG002
         return decoded
@@ -157,8 +169,7 @@ class SignedGuard:
         if found is None:
             return False
         sender, session = frame[5], self._session
-        key = session.keys.get(epoch_of(frame)) if is_signed(frame) else None
-        if key is None or not mac_holds(frame, key):
+        if not self.holds_mac(frame):
             self.refused["forged manifest"] += 1
             self._report_text(f"vehicle {sender} has another key, or another mission file: ignored", now_s)
         elif self._is_due(sender, found[0], now_s):
@@ -167,6 +178,13 @@ class SignedGuard:
             else:
                 self.refused["forged manifest"] += 1
         return True
+
+    def holds_mac(self, frame: bytes) -> bool:
+        key = self._session.keys.get(epoch_of(frame)) if is_signed(frame) else None
+        return key is not None and mac_holds(frame, key)
+
+    def boots(self) -> dict[int, int]:
+        return {sender: stream.boot for sender, stream in self._streams.items()}
 
     def _is_due(self, sender: int, manifest: Manifest, now_s: float) -> bool:
         """The signature is worth its time: of a member, newer than the last, and not one of a flood."""

@@ -1,8 +1,8 @@
 """The companions' way on to the air: each beacon is decoded once, here; the radio only carries bytes.
 
 What goes with a beacon in a swarm that flies by ranges (SWARM_RELATIVE) comes in one datagram with it, and so it goes
-on the air: both arrive together or not at all, and so does the manifest behind a beacon of a signed swarm. Records go
-on the air frame by frame, after the beacons.
+on the air: both arrive together or not at all, and so does the manifest behind a beacon of a signed swarm. Orders and
+records go on the air frame by frame, after the beacons.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 from companion.core.model.beacon import RelativeReport
 from companion.mavlink.beacon import COMPONENT, WireBeacon, beacons
 from companion.mavlink.framing.frames import source
+from companion.mavlink.orders.order import order_payload
 from companion.mavlink.peers import manifest as manifests
 from companion.mavlink.relative import read_relative_report
 from companion.records.frames import is_record_frame, read_record, read_vector
@@ -57,7 +58,7 @@ class Transmitter:
             self._radio.send(sender, beside + told + behind, now_s)
             beside = behind = b""
             sent.append(frame)
-        for frame in (behind, *self._frames_of(sender, found.records)):
+        for frame in (behind, *self._frames_of(sender, found.orders), *self._frames_of(sender, found.records)):
             if frame:
                 self._radio.send(sender, frame, now_s, aside=True)
         return tuple(sent)
@@ -73,6 +74,7 @@ class _Found:
 
     def __init__(self) -> None:
         self.words: list[tuple[bytes, RelativeReport]] = []
+        self.orders: list[bytes] = []
         self.records: list[bytes] = []
         self.proofs: list[bytes] = []
 
@@ -83,6 +85,9 @@ class _Found:
             if is_valid:
                 self.records.append(frame)
             return is_valid
+        if order_payload(frame) is not None:
+            self.orders.append(frame)
+            return True
         if manifests.read_manifest(frame) is not None:
             self.proofs.append(frame)
             return True

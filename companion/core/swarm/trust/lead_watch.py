@@ -125,7 +125,7 @@ class LeadWatch:
         if not follows or not phases.saw_begin:
             self._left, self._moved_s = 0, now_s
             return ""
-        since_s = now_s - phases.since_s
+        since_s = phases.elapsed_s(now_s)
         match phase:
             case SwarmPhase.GATHER:
                 return "waits too long" if since_s > phases.gather_limit_s + TOO_FEW_LAND_S + SLACK_S else ""
@@ -143,7 +143,7 @@ class LeadWatch:
         """Keep where it sets out, and where to: news of both comes within a second."""
         if phases.phase <= SwarmPhase.GATHER:
             self._way_ned_m = [pos_ned_m]
-        sets_out = phases.phase is SwarmPhase.TRANSIT and now_s - phases.since_s <= TOLD_S
+        sets_out = phases.phase is SwarmPhase.TRANSIT and phases.elapsed_s(now_s) <= TOLD_S
         if sets_out and dest_ned_m is not None and self._way_ned_m:
             self._way_ned_m = [*self._way_ned_m[: 1 + phases.stop], add(pos_ned_m, dest_ned_m)]
 

@@ -2,8 +2,9 @@
 
 A phase is its leader's to announce. Who hears the leader goes by the leader's own word; who does not, by two members'
 where it has two ways to the leader. A leader itself goes over to a phase further on when two say so (it has joined a
-part that is). What the mission never does, or not so soon, is refused whoever says so. Of positions only differences
-count, by the own odometry, and a follower never asks where d2 is (rule 5).
+part that is). What the mission never does, or not so soon, is refused whoever says so; but that the swarm lands
+is not where the leader and another say it: an operator may have told them. Of positions only differences count, by the own odometry, and a
+follower never asks where d2 is (rule 5).
 """
 
 from __future__ import annotations
@@ -117,11 +118,12 @@ class PhaseGate:
             needed = WITNESSES  # it has missed some: so the leader's word alone will not do
         if len(agree) < needed:
             return False
-        return not steps or self.is_possible(beacon.phase, beacon.stop, phases, now_s)
+        may_be_ordered = beacon.phase is SwarmPhase.LAND and lease.leader in agree and len(agree) >= WITNESSES
+        return not steps or may_be_ordered or self.is_possible(beacon.phase, beacon.stop, phases, now_s)
 
     def is_possible(self, phase: SwarmPhase, stop: int, phases: Phases, now_s: float) -> bool:
         """The mission has this step, and not sooner. Who has not seen the phase before begin knows no times."""
-        since_s = now_s - phases.since_s if phases.saw_begin else math.inf
+        since_s = phases.most_elapsed_s(now_s) if phases.saw_begin else math.inf
         match phases.phase, phase:
             case SwarmPhase.GATHER, SwarmPhase.LAND:
                 return since_s >= EARLY_SHARE * phases.gather_limit_s

@@ -103,11 +103,16 @@ class Trust:
 
     # --- each beacon period ---
 
-    def run_period(self, picture: Picture, election: Election, phases: Phases) -> list[tuple[int, str]]:
-        """Find those that are not believed any more, and give up the leader that is one; which, and why in words."""
+    def run_period(
+        self, picture: Picture, election: Election, phases: Phases, *, is_held: bool
+    ) -> list[tuple[int, str]]:
+        """Find those that are not believed any more, and give up the leader that is one; which, and why in words.
+
+        `is_held`: by an operator, so no leader can get it anywhere.
+        """
         now_s, own, lease = picture.now_s, picture.own, election.lease
         if own is not None:
-            follows = picture.is_steered and election.role is Role.FOLLOWER and lease is not None
+            follows = picture.is_steered and not is_held and election.role is Role.FOLLOWER and lease is not None
             self.gate.note_position(own.pos_ned_m, phases.phase)
             fault = self._leads.find_fault(own.pos_ned_m, picture.dest_ned_m, phases, now_s, follows=follows)
             if fault and lease is not None:

@@ -122,6 +122,29 @@ def test_even_a_leader_takes_no_step_that_the_mission_does_not_have(
     assert gate.is_believed(said, phases, 1, after_s, is_news=True) is believed
 
 
+def test_while_an_operator_holds_it_no_leader_is_late_and_none_too_soon() -> None:
+    """It may be the only one that is held: a leader that was not has counted that time, too."""
+    gate, phases = on_the_way(phase=SwarmPhase.COVERAGE)
+    watch, here = LeadWatch(MISSION), (0.0, 0.0, 0.0)
+    phases.obey(1.0, holds=False, lands=False)
+    phases.obey(501.0, holds=True, lands=False)
+    assert watch.find_fault(here, None, phases, 501.0, follows=False) == ""
+    assert watch.find_fault(here, None, phases, 502.0, follows=True) == ""
+    assert gate.is_possible(SwarmPhase.LAND, 0, phases, 502.0)
+    phases.adopt_phase(SwarmPhase.LAND, 502.0)
+    assert (phases.elapsed_s(503.0), phases.most_elapsed_s(503.0)) == (1.0, 1.0)  # a hold before counts for nothing
+    _, phases = on_the_way(phase=SwarmPhase.COVERAGE)
+    assert watch.find_fault(here, None, phases, 501.0, follows=True) == "covers too long"
+
+
+def test_a_leader_and_another_that_land_at_once_may_have_been_ordered_to() -> None:
+    gate, phases = on_the_way()
+    for sender, believed in ((2, False), (3, False), (1, True)):
+        said = beacon(sender, phase=SwarmPhase.LAND, lease=lease(1, 7, established=True), hop=0 if sender == 1 else 1)
+        gate.store(said, 1.0)
+        assert gate.is_believed(said, phases, 2, 1.0, is_news=True) is believed
+
+
 def test_who_has_joined_late_knows_no_times() -> None:
     phases = Phases(MISSION)
     phases.adopt_phase(SwarmPhase.COVERAGE, 0.0)
