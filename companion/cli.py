@@ -83,6 +83,12 @@ def build_parser() -> argparse.ArgumentParser:
         metavar="CHECK[,CHECK...]",
         help="take these failed checks of the report as accepted; `all`: arm without any report, as in the simulator",
     )
+    run.add_argument(
+        "--key",
+        metavar="FILE",
+        help="this vehicle's key file, by which its radio is signed and orders are the operator's (`companion key`); "
+        "without it whoever is in radio range can start, lead and land it, and the log says so",
+    )
     run.add_argument("--clock", choices=("monotonic", "vehicle"), default="monotonic", help="default: monotonic")
     run.add_argument("--log", metavar="FILE", help="append the flight log to FILE; default: stderr")
     run.add_argument(
@@ -245,6 +251,7 @@ def _add_base(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
         allow_abbrev=False,
     )
     base.add_argument("mission", metavar="MISSION", help="mission file (TOML) with [survey]; the swarm's own")
+    base.add_argument("--key", metavar="FILE", help="the operator's key file, where the swarm's radio is signed")
     base.add_argument("--listen", required=True, type=_url(PEERS_SCHEMES), metavar="URL", help="link to the companions")
     base.add_argument(
         "--records",

@@ -58,9 +58,9 @@ def read_record(frame: bytes) -> Record | None:
     if payload is None:
         return None
     made_us, log_id, number, vehicle_id, kind, size, body = _RECORD.unpack(payload)
-    if not (
-        1 <= vehicle_id <= VEHICLE_MAX and 1 <= number <= NUMBER_MAX and size <= BODY_MAX and made_us <= MADE_MAX_US
-    ):
+    if not (1 <= vehicle_id <= VEHICLE_MAX and 1 <= number <= NUMBER_MAX):
+        return None
+    if size > BODY_MAX or made_us > MADE_MAX_US:
         return None
     if kind not in RecordKind._value2member_map_:
         return None

@@ -40,7 +40,6 @@ __getattr__  # Python: of a module whose parts are imported when they are asked 
 _.time_utc  # preflight's report
 _.min_zoom  # watch: what the page is told of a chart
 _.max_zoom
-_.bounds_deg
 _.corners_deg
 _.size_px
 _.attribution
@@ -116,7 +115,3 @@ _.setpoints_rejected  # of a simulated autopilot, whose refusals have no message
 # To be deleted or shown by those who rewrite these parts.
 _.setpoint_ned_mps
 _.unsent
-
-# Of a companion with keys, which `companion run` will open.
-orders_of
-orders_path

@@ -91,7 +91,7 @@ def test_the_service_is_as_exposed_as_the_guide_says() -> None:
 
 
 def test_the_unit_starts_what_the_program_understands() -> None:
-    values = {**environment(), "UNDERSTORY_ID": "3"}
+    values = {**environment(), "UNDERSTORY_ID": "3", "CREDENTIALS_DIRECTORY": "/run/credentials"}
     command = re.sub(r"\$\{?(\w+)\}?", lambda match: values[match[1]], directive("ExecStart"))
     program, *arguments = shlex.split(command)
     assert program == "/opt/understory/current/bin/companion"

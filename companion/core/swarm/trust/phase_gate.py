@@ -2,9 +2,9 @@
 
 A phase is its leader's to announce. Who hears the leader goes by the leader's own word; who does not, by two members'
 where it has two ways to the leader. A leader itself goes over to a phase further on when two say so (it has joined a
-part that is). What the mission never does, or not so soon, is refused whoever says so; but that the swarm lands
-is not where the leader and another say it: an operator may have told them. Of positions only differences count, by the own odometry, and a
-follower never asks where d2 is (rule 5).
+part that is). What the mission never does, or not so soon, is refused whoever says so; but that the swarm lands is not
+where the leader and another say it: an operator may have told them. Of positions only differences count, by the own
+odometry, and a follower never asks where d2 is (rule 5).
 """
 
 from __future__ import annotations

@@ -1,0 +1,56 @@
+"""The keys of a radio, opened: a companion's, with the book of its operator's orders, and the base station's."""
+
+from __future__ import annotations
+
+import os
+from contextlib import ExitStack
+from typing import NamedTuple
+
+from companion.keys.fingerprints import summary
+from companion.keys.key_file import load_keyring
+from companion.keys.keyring import OPERATOR
+from companion.keys.process import harden_process
+from companion.mavlink.orders.book import OrderBook
+from companion.mavlink.peers.guard import Guard, SignedGuard
+from companion.mavlink.peers.session import BASE_ID, open_session
+from companion.shell.orders import orders_of, orders_path
+from mission.document.load import mission_sha256
+
+BOOT_BYTES = 4
+UNSIGNED = "UNSIGNED (no --key): whoever is in radio range can start, lead and land this vehicle"
+
+
+class RadioKeys(NamedTuple):
+    """Of one start of a companion."""
+
+    guard: Guard | None  # None: whoever is in range is heard
+    orders: OrderBook | None
+    lines: list[str]  # for the log
+
+
+def open_keys(
+    key: str | None, mission: str, vehicle_id: int, size: int, log: str | None, opened: ExitStack, *, beside_loop: bool
+) -> RadioKeys:
+    """`key`, `mission`: files. KeyFileError; OSError: the folder of the orders' file is not there."""
+    if key is None:
+        return RadioKeys(None, None, [UNSIGNED])
+    weakness = harden_process()
+    keyring = load_keyring(key, vehicle_id)
+    digest, boot = bytes.fromhex(mission_sha256(mission)), _draw_boot()
+    session = open_session(keyring, vehicle_id, digest, boot)
+    orders = orders_of(keyring, digest, size, boot, orders_path(log, vehicle_id), opened, beside_loop=beside_loop)
+    lines = [f"radio signed: {summary(keyring)}", *([weakness] if weakness else [])]
+    return RadioKeys(SignedGuard(session), orders, lines)
+
+
+def open_base_guard(key: str | None, mission: str) -> Guard | None:
+    """The base station's, by the operator's key file; None: whoever is in range is heard. KeyFileError."""
+    if key is None:
+        return None
+    harden_process()
+    digest = bytes.fromhex(mission_sha256(mission))
+    return SignedGuard(open_session(load_keyring(key, OPERATOR), BASE_ID, digest, _draw_boot()))
+
+
+def _draw_boot() -> int:
+    return int.from_bytes(os.urandom(BOOT_BYTES), "little") or 1
