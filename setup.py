@@ -60,6 +60,7 @@ COMPILED = {
     "companion.mavlink.native": (
         "companion/mavlink/*.py",
         "companion/mavlink/framing/*.py",
+        "companion/mavlink/peers/*.py",
         "companion/journal/channels.py",
         "companion/journal/journal.py",
         "companion/journal/mcap.py",

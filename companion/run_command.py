@@ -13,6 +13,7 @@ from contextlib import ExitStack
 from datetime import UTC, datetime
 
 from companion.journal.recorder import BlackBox, Recorder, start_body
+from companion.keys.key_file import KeyFileError
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.harvest import RecordLink
 from companion.preflight.report import Clearance, clearance
@@ -20,6 +21,7 @@ from companion.sensors.table import SENSORS, sensors_of
 from companion.shell.black_box import box_folder, open_black_box, read_mission_file
 from companion.shell.flight_log import ChangeLogger, FlightLog, summary
 from companion.shell.links import Link, LinkError, open_link
+from companion.shell.radio_keys import RadioKeys, open_keys
 from companion.shell.runner import Runner, Stop
 from companion.shell.service import Service
 from companion.shell.urls import Scheme, Url
@@ -123,9 +125,10 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
             EXIT_ENVIRONMENT,
             f"the mission has [survey], which needs {error.name}: pip install 'understory-uav[survey]'",
         ) from None
+    radio = _radio_keys(arguments, mission, opened)
     records = _records(arguments, mission, opened, log)
     cleared = clearance(arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time())
-    box = _black_box(arguments, mission, cleared)
+    box = _black_box(arguments, mission, cleared, radio)
     endpoint = Endpoint(
         mission,
         arguments.id,
@@ -134,6 +137,8 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
         sensor_streams={name: url.scheme is Scheme.SERIAL for name, url in urls.items()},
         survey=survey,
         records=records if box is None else box.record_link(records),
+        guard=radio.guard if box is None else box.record_guard(radio.guard),
+        orders=radio.orders if box is None else box.record_orders(radio.orders),
     )
     endpoint.agent.ground(cleared.grounded)
     endpoint.agent.waive(",".join(cleared.waived), cleared.unknown)
@@ -143,6 +148,8 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     recorder = None if box is None else box.record_endpoint(endpoint)
     runner = Runner(endpoint, autopilot, peers, changes, stop, service, sensors, recorder)
     log.line(None, _start_line(arguments, mission))
+    for line in radio.lines:
+        log.line(None, line)
     for link, url in ((autopilot, arguments.autopilot), *((link, urls[name]) for name, link in sensors.items())):
         if not link.up:  # USB is late at boot; the companion says so in its status too
             log.line(
@@ -178,6 +185,25 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     return EXIT_DONE
 
 
+def _radio_keys(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> RadioKeys:
+    try:
+        return open_keys(
+            arguments.key,
+            arguments.mission,
+            arguments.id,
+            mission.swarm.size,
+            arguments.log,
+            opened,
+            beside_loop=arguments.clock == "monotonic",
+        )
+    except KeyFileError as error:
+        raise RefusedError(EXIT_REFUSED, f"--key {error}") from None
+    except OSError as error:
+        raise RefusedError(
+            EXIT_ENVIRONMENT, f"the file of the operator's orders: {error.strerror}: {error.filename}"
+        ) from None
+
+
 def _records(arguments: argparse.Namespace, mission: Mission, opened: ExitStack, log: FlightLog) -> RecordLink | None:
     """Of a mission that surveys."""
     if mission.survey is None:
@@ -190,7 +216,9 @@ def _records(arguments: argparse.Namespace, mission: Mission, opened: ExitStack,
     return records
 
 
-def _black_box(arguments: argparse.Namespace, mission: Mission, cleared: Clearance) -> BlackBox | None:
+def _black_box(
+    arguments: argparse.Namespace, mission: Mission, cleared: Clearance, radio: RadioKeys
+) -> BlackBox | None:
     """A black box, where one is asked for, or the service has a place for it. No disk keeps a flight from starting."""
     folder = box_folder(arguments.black_box)
     if folder is None:
@@ -212,6 +240,8 @@ def _black_box(arguments: argparse.Namespace, mission: Mission, cleared: Clearan
         grounded=cleared.grounded,
         waived=",".join(cleared.waived),
         unknown=cleared.unknown,
+        guard=radio.guard,
+        orders=radio.orders,
     )
     return open_black_box(folder, start, beside_loop=arguments.clock == "monotonic")
 

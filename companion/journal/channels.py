@@ -101,6 +101,7 @@ SCHEMAS: Final[Mapping[Channel, Json]] = {
         unknown=_TEXT,
         flown_by=_TEXT,
         guard_flags={"type": ["integer", "null"]},  # of a guard with keys
+        orders={"type": ["object", "null"]},  # of the operator's key: its public half, and what was seen of it before
     ),
     Channel.TICK: _object(
         "understory.BlackBoxTick",

@@ -5,9 +5,10 @@ from __future__ import annotations
 from pydantic import ValidationError
 
 from companion.journal.channels import VERSION, Json
-from companion.journal.tape import PlayedGuard, PlayedLink, PlayedTape
+from companion.journal.tape import PlayedGuard, PlayedLink, PlayedMarks, PlayedTape
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.harvest import Survey
+from companion.mavlink.orders.book import OrderBook
 from companion.sensors.table import SENSORS
 from companion.survey.of_mission import survey_of
 from mission.document.model import Mission
@@ -34,6 +35,7 @@ def rebuild_endpoint(start: Json, tape: PlayedTape) -> Endpoint:
             autopilot_is_stream=bool(start["autopilot_is_stream"]),
             sensor_streams={str(name): bool(is_stream) for name, is_stream in start["sensor_streams"].items()},
             guard=None if start["guard_flags"] is None else PlayedGuard(tape, int(start["guard_flags"])),
+            orders=None if start["orders"] is None else rebuild_book(start["orders"], vehicle_id, tape),
             survey=survey,
             records=PlayedLink(tape) if start["has_records"] else None,
         )
@@ -42,3 +44,16 @@ def rebuild_endpoint(start: Json, tape: PlayedTape) -> Endpoint:
     except (KeyError, TypeError, ValueError, AttributeError, ValidationError) as error:
         raise RebuildError(f"its first entry makes no sense: {error}") from None
     return endpoint
+
+
+def rebuild_book(begun: Json, vehicle_id: int, tape: PlayedTape) -> OrderBook:
+    """The book of orders as it began: it checks each order again, by the operator's public key. ValueError."""
+    return OrderBook(
+        operator=bytes.fromhex(begun["operator"]),
+        digest=bytes.fromhex(begun["digest"]),
+        me=vehicle_id,
+        size=int(begun["size"]),
+        boot=int(begun["boot"]),
+        marks=PlayedMarks(tape),
+        kept=bytes.fromhex(begun["kept"]),
+    )

@@ -10,11 +10,12 @@ from typing import Final
 from companion.journal.channels import VERSION, Channel, Json, Refusals, head, outputs, sensor_links, tick_text
 from companion.journal.journal import ChunkWriter, Journal
 from companion.journal.segments import SegmentFiles
-from companion.journal.tape import RecordedGuard, RecordedLink, Tape
+from companion.journal.tape import RecordedGuard, RecordedLink, RecordedMarks, Tape
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.framing.frames import Incoming
 from companion.mavlink.framing.outbox import Outbox
 from companion.mavlink.harvest import RecordLink
+from companion.mavlink.orders.book import OrderBook
 from companion.mavlink.peers.guard import Guard
 from companion.mavlink.sensor_inputs import SHARED
 from mission import __version__
@@ -40,11 +41,13 @@ def start_body(
     unknown: str = "",
     flown_by: str = "",
     guard: Guard | None = None,
+    orders: OrderBook | None = None,
 ) -> Json:
     """All that an endpoint is built of. `mission_file`: its text as it was read; `mission` is what became of it.
 
     `waived`, `unknown`: as Agent.waive has them. `flown_by`: a law in place of ours, which a replay has not got.
-    `guard`: with keys; None: an open one.
+    `guard`: with keys; None: an open one. `orders`: of the operator's key. Of their keys only the operator's public one
+    is told, by which a replay checks the orders again.
     """
     return {
         "format": VERSION,
@@ -66,7 +69,15 @@ def start_body(
         "unknown": unknown,
         "flown_by": flown_by,
         "guard_flags": None if guard is None else guard.flags,
+        "orders": None if orders is None else _book_json(orders),
     }
+
+
+def _book_json(orders: OrderBook) -> Json:
+    """The beginning of a book of orders, for `rebuild_book`."""
+    start = orders.start
+    texts = {"operator": start.operator.hex(), "digest": start.digest.hex(), "kept": start.kept.hex()}
+    return {**texts, "size": start.size, "boot": start.boot}
 
 
 def files_of(folder: Path, start: Json, *, waits_for_disk: bool) -> SegmentFiles:
@@ -86,6 +97,10 @@ class BlackBox:
     def record_guard(self, guard: Guard | None) -> Guard | None:
         """The guard to build the endpoint with; None: an open one, which asks nobody, and needs no record."""
         return None if guard is None else RecordedGuard(guard, self._tape)
+
+    def record_orders(self, orders: OrderBook | None) -> OrderBook | None:
+        """The book to build it with, which has not been used; None: there is none."""
+        return None if orders is None else orders.with_marks(lambda marks: RecordedMarks(marks, self._tape))
 
     def record_link(self, link: RecordLink | None) -> RecordLink | None:
         """The link of records to build it with."""

@@ -1,4 +1,4 @@
-"""Answers from outside the endpoint's inputs: those of a guard with keys, and of a link of records.
+"""Answers from outside the endpoint's inputs: those of a guard with keys, a link of records, and the orders' disk.
 
 They depend on a key, a disk or a random number. While a flight is recorded they are put on a tape in the order in which
 the endpoint asks; a replay plays them back to the same questions, and needs neither key nor disk.
@@ -15,6 +15,7 @@ from companion.core.model.beacon import Beacon
 from companion.core.model.states import Severity
 from companion.mavlink.beacon import Decoded
 from companion.mavlink.harvest import RecordLink
+from companion.mavlink.orders.book import Marks
 from companion.mavlink.peers.guard import Guard, without_word
 from companion.records.frames import is_record_frame
 
@@ -81,6 +82,16 @@ class RecordedGuard:
             self.cloned = self._guard.cloned
             self._tape.put_verdict(self.cloned)
         return taken
+
+    def holds_mac(self, frame: bytes) -> bool:
+        """The guard's verdict."""
+        holds = self._guard.holds_mac(frame)
+        self._tape.put_verdict(holds)
+        return holds
+
+    def boots(self) -> dict[int, int]:
+        """As the guard. No endpoint asks: it is for those who make orders."""
+        return self._guard.boots()
 
     def believe(self, decoded: Decoded, sender: int, now_s: float) -> Decoded:
         """The guard's answer: all of it, or what slows alone."""
@@ -169,6 +180,20 @@ class RecordedLink:
         return self._link.counters()
 
 
+class RecordedMarks:
+    """The disk of a book of orders, whose answers are put on a tape. The book itself is run again."""
+
+    def __init__(self, marks: Marks, tape: Tape) -> None:
+        self._marks: Final = marks
+        self._tape: Final = tape
+
+    def save(self, state: bytes, *, wait: bool) -> bool:
+        """The disk's answer."""
+        is_saved = self._marks.save(state, wait=wait)
+        self._tape.put_verdict(is_saved)
+        return is_saved
+
+
 class PlayedTape(Tape):
     """Answers that were recorded, in their order."""
 
@@ -222,6 +247,14 @@ class PlayedGuard:
         self._count_refusal(self._tape.next_verdict())
         self.cloned = self._tape.next_verdict() == YES
         return True
+
+    def holds_mac(self, frame: bytes) -> bool:  # noqa: ARG002
+        """The verdict of then."""
+        return self._tape.next_verdict() == YES
+
+    def boots(self) -> dict[int, int]:
+        """None: no endpoint asks."""
+        return {}
 
     def believe(self, decoded: Decoded, sender: int, now_s: float) -> Decoded:  # noqa: ARG002
         """As much as then."""
@@ -291,3 +324,14 @@ class PlayedLink:
     def counters(self) -> dict[str, int]:
         """None: a replay writes no log."""
         return {}
+
+
+class PlayedMarks:
+    """Repeats the answers of the disk of a book of orders."""
+
+    def __init__(self, tape: PlayedTape) -> None:
+        self._tape: Final = tape
+
+    def save(self, state: bytes, *, wait: bool) -> bool:  # noqa: ARG002
+        """The answer of then."""
+        return self._tape.next_verdict() == YES

@@ -11,13 +11,14 @@ from companion.journal.recorder import BlackBox, Recorder, files_of, start_body
 from companion.journal.segments import DirectWriter
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.harvest import RecordLink
+from companion.mavlink.orders.book import OrderBook
 from companion.mavlink.peers.guard import Guard
 from companion.sensors.table import SENSORS
 from mission.document.load import dump_mission
 from mission.document.model import Mission
 from sim_bridge.judge.page.black_boxes import FOLDER_NAME as FOLDER_NAME
 
-MakesBox = Callable[[int, Guard | None], "SimulatedBox | None"]
+MakesBox = Callable[[int, Guard | None, OrderBook | None], "SimulatedBox | None"]
 WAIVED: Final = "all"  # as `--waive all` of a companion that is a process
 
 
@@ -33,8 +34,9 @@ class SimulatedBox:
         *,
         flown_by: str = "",
         guard: Guard | None = None,
+        orders: OrderBook | None = None,
     ) -> None:
-        """`mission_file`: the text of mission.toml. `guard`: with keys."""
+        """`mission_file`: the text of mission.toml. `guard`: with keys; `orders`: of the operator's key."""
         start = start_body(
             mission,
             mission_file,
@@ -47,10 +49,12 @@ class SimulatedBox:
             waived=WAIVED,
             flown_by=flown_by,
             guard=guard,
+            orders=orders,
         )
         self._writer: Final = DirectWriter(files_of(folder, start, waits_for_disk=False))
         self._box: Final = BlackBox(self._writer, start)
         self.guard: Final = self._box.record_guard(guard)
+        self.orders: Final = self._box.record_orders(orders)
 
     def link(self, records: RecordLink | None) -> RecordLink | None:
         """The link of records to build the endpoint with."""
@@ -66,11 +70,13 @@ class SimulatedBox:
 
 
 def boxes_of(mission: Mission, folder: Path | None, flown_by: str) -> MakesBox:
-    """Makes the black box of a vehicle's companion, with its guard, in `folder` of a run; None: none is kept."""
+    """Makes the black box of a vehicle's companion, with guard and orders, in `folder` of a run; None: none."""
     if folder is None:
-        return lambda _vehicle_id, _guard: None
+        return lambda _vehicle_id, _guard, _orders: None
     text, boxes = dump_mission(mission), folder / FOLDER_NAME
-    return lambda vehicle_id, guard: SimulatedBox(boxes, mission, text, vehicle_id, flown_by=flown_by, guard=guard)
+    return lambda vehicle_id, guard, orders: SimulatedBox(
+        boxes, mission, text, vehicle_id, flown_by=flown_by, guard=guard, orders=orders
+    )
 
 
 def run_recorded(

@@ -126,7 +126,8 @@ def signed_flight(folder: Path, *, strangers: bool = False) -> Recorder:
                         other.receive(frames, now_s)
                 if sent:
                     node.receive([sent[start:end] for start, end, _ in whole(sent)], now_s)
-        sent = recorder.tick(now_s).peers
+            sent = b""
+        sent += recorder.tick(now_s).peers
     assert endpoint.agent.localiser.peers is not None
     recorder.close("ended")
     return recorder
