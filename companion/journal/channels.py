@@ -20,6 +20,7 @@ ARRIVED: Final = Struct("<d")  # before the bytes of a datagram: when it came or
 CHAIN_BYTES: Final = 32  # SHA-256
 DATAGRAM: Final = "x-understory-datagram"
 TIME_MAX_S: Final = 1e10  # that MCAP's nanoseconds hold
+ORDER: Final = "order "  # before the reason why one is refused
 CHAINED: Final = b',"chain":"'  # before the link, the last value of a tick
 Json = dict[str, Any]
 
@@ -112,7 +113,7 @@ SCHEMAS: Final[Mapping[Channel, Json]] = {
         desired_ned_mps=_VELOCITY,
         setpoint_ned_mps=_VELOCITY,
         cuts=_array(_object("understory.Cut", reason=_TEXT, by_mps={"type": ["number", "null"]})),
-        refused={"type": "object", "additionalProperties": _INTEGER},  # frames, by reason
+        refused={"type": "object", "additionalProperties": _INTEGER},  # frames and orders, by reason
         beacons={"type": "object", "additionalProperties": _array(_INTEGER)},  # by fate: senders, one for each beacon
         said=_array(_object("understory.Said", severity=_TEXT, text=_TEXT)),
         chain=_TEXT,
@@ -163,7 +164,7 @@ def unsealed(data: bytes) -> tuple[bytes, bytes]:
 
 
 def tick_text(number: int, now_s: float, endpoint: Endpoint, out: Outbox, refused: Mapping[str, int]) -> bytes:
-    """A tick as JSON, for people. `refused`: how many frames the guard has refused since the last, by reason.
+    """A tick as JSON, for people. `refused`: how many frames and orders were refused since the last, by reason.
 
     Written out: an encoder and the objects that it asks for take four times as long, in every tick.
     """
@@ -186,19 +187,27 @@ def tick_text(number: int, now_s: float, endpoint: Endpoint, out: Outbox, refuse
 
 
 class Refusals:
-    """Frames that the guard of the peers' link refuses, from tick to tick."""
+    """Frames that the guard of the peers' link refuses, and orders, from tick to tick."""
 
     def __init__(self) -> None:
-        self._before: dict[str, int] = {}
+        self._frames: dict[str, int] = {}  # before
+        self._orders: dict[str, int] = {}
 
     def take_refused(self, endpoint: Endpoint) -> dict[str, int]:
-        """Their numbers since last asked, by reason."""
-        counted = endpoint.peers.guard.refused
-        if not counted or counted == self._before:
-            return {}
-        found = {why: n - self._before.get(why, 0) for why, n in counted.items() if n != self._before.get(why, 0)}
-        self._before = dict(counted)
+        """Their numbers since last asked, by reason; of an order it begins with ORDER."""
+        frames, orders = endpoint.peers.guard.refused, endpoint.orders.refused
+        found: dict[str, int] = {}
+        if frames and frames != self._frames:
+            found = _since(self._frames, frames)
+            self._frames = dict(frames)
+        if orders and orders != self._orders:
+            found |= {ORDER + why: count for why, count in _since(self._orders, orders).items()}
+            self._orders = dict(orders)
         return found
+
+
+def _since(before: Mapping[str, int], now: Mapping[str, int]) -> dict[str, int]:
+    return {why: count - before.get(why, 0) for why, count in now.items() if count != before.get(why, 0)}
 
 
 def outputs(out: Outbox) -> Iterable[tuple[Channel, bytes]]:

@@ -30,7 +30,7 @@ class Summary:
     last_s: float = 0.0
     cuts: dict[str, CutSpan] = field(default_factory=dict)  # by reason
     beacons: dict[int, Counter[str]] = field(default_factory=dict)  # by sender: fate -> how many
-    refused: Counter[str] = field(default_factory=Counter)  # frames, by the guard's reason
+    refused: Counter[str] = field(default_factory=Counter)  # frames and orders, by reason
 
     def add(self, body: Json) -> None:
         """One more tick, as recorded."""
@@ -66,7 +66,7 @@ class Summary:
         others = ", ".join(f"{fate} {count}" for fate, count in sorted(fates.items()) if fate != "KEPT") or "none"
         found.append(f"  beacons heard {fates.total()}: kept {fates['KEPT']}, not kept: {others}")
         reasons = ", ".join(f"{reason} {count}" for reason, count in sorted(self.refused.items())) or "none"
-        found.append(f"  frames refused by the guard of the radio: {reasons}")
+        found.append(f"  frames and orders refused: {reasons}")
         for sender, kinds in sorted(self.beacons.items()):
             others = "".join(f", {fate} {count}" for fate, count in sorted(kinds.items()) if fate != "KEPT")
             found.append(f"    of {sender:3}: kept {kinds['KEPT']}{others}")

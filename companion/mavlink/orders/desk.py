@@ -6,6 +6,7 @@ nothing: a command is refused, and the operator is told what to use instead.
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any, Final, Protocol
 
 from companion.core.agent import Agent
@@ -24,6 +25,7 @@ class OrderDesk(Protocol):
     """The orders of one endpoint."""
 
     operator: OperatorOrders  # of its agent
+    refused: Counter[str]  # orders that came, by reason
 
     def receive(self, frame: bytes, now_s: float, *, is_proven: bool) -> bool:
         """A whole frame of the peers' link; False: it is no order. `is_proven`: the link's MAC holds for it."""
@@ -49,6 +51,7 @@ class UnsignedOrders:
 
     def __init__(self) -> None:
         self.operator: OperatorOrders = FloodedOrders()
+        self.refused: Counter[str] = Counter()
 
     def receive(self, frame: bytes, now_s: float, *, is_proven: bool) -> bool:  # noqa: ARG002
         """None is taken: whose key could it bear?"""
@@ -83,6 +86,7 @@ class SignedOrders:
 
     def __init__(self, book: OrderBook) -> None:
         self.operator = OperatorOrders()
+        self.refused = book.refused
         self._book = book
         self._says: list[Say] = []
 

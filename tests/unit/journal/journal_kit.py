@@ -16,13 +16,20 @@ from companion.journal.recorder import BlackBox, Recorder, files_of, start_body
 from companion.journal.segments import DirectWriter
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.harvest import RecordLink
+from companion.mavlink.orders.book import OrderBook
 from companion.mavlink.peers.guard import Guard
 from tests.unit.core.core_kit import mission
 from tests.unit.mavlink.endpoint_kit import HOME, ME, TICK_S, heartbeat, packed, position
 from tests.unit.mavlink.test_endpoint_peers import beacon_of
 
 MISSION = mission()
-START = start_body(MISSION, "its text", "its digest", ME, sensors=[], clock="simulated", waived="all")
+
+
+def start_of(**how: Any) -> dict[str, Any]:
+    return start_body(MISSION, "its text", "its digest", ME, sensors=[], clock="simulated", waived="all", **how)
+
+
+START = start_of()
 Messages = list[mcap.Message]
 
 
@@ -53,12 +60,22 @@ class MemoryDisk:
 
 
 def recorder_of(
-    writer: Any, *, guard: Guard | None = None, records: RecordLink | None = None, **start: Any
+    writer: Any,
+    *,
+    guard: Guard | None = None,
+    orders: OrderBook | None = None,
+    records: RecordLink | None = None,
+    **start: Any,
 ) -> tuple[Recorder, Endpoint]:
-    flags = None if guard is None else guard.flags
-    body = START | {"has_records": records is not None, "guard_flags": flags} | start
+    body = start_of(has_records=records is not None, guard=guard, orders=orders) | start
     box = BlackBox(writer, body)
-    endpoint = Endpoint(MISSION, ME, guard=box.record_guard(guard), records=box.record_link(records))
+    endpoint = Endpoint(
+        MISSION,
+        ME,
+        guard=box.record_guard(guard),
+        orders=box.record_orders(orders),
+        records=box.record_link(records),
+    )
     endpoint.agent.ground(body["grounded"])
     endpoint.agent.waive(body["waived"])
     return box.record_endpoint(endpoint), endpoint
