@@ -58,7 +58,7 @@ def _rows(flight: Flight, summary: Summary) -> list[str]:
         for reason, span in sorted(summary.cuts.items())
     ]
     fates = [(f"beacons {fate.lower().replace('_', ' ')}", count) for fate, count in sorted(summary.fates().items())]
-    fates += [(f"frames refused, {reason}", count) for reason, count in sorted(summary.refused.items())]
+    fates += [(f"refused, {reason}", count) for reason, count in sorted(summary.refused.items())]
     found += [(what, str(count), "", "") for what, count in fates]
     who = (str(flight.vehicle_id), str(flight.number))
     return ["<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in (*who, *row)) + "</tr>" for row in found]
