@@ -14,8 +14,6 @@ UNSIGNED: Final = "UNSIGNED radio: anyone in range can command it"
 class Accepted:
     """One vehicle's. It grounds nothing."""
 
-    __slots__ = ("_state", "_unsigned", "_waived")
-
     def __init__(self) -> None:
         self._waived = ""  # failed checks of the preflight
         self._unsigned = False
