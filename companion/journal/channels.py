@@ -100,6 +100,7 @@ SCHEMAS: Final[Mapping[Channel, Json]] = {
         grounded=_TEXT,
         waived=_TEXT,
         unknown=_TEXT,
+        unsigned={"type": "boolean"},
         flown_by=_TEXT,
         guard_flags={"type": ["integer", "null"]},  # of a guard with keys
         orders={"type": ["object", "null"]},  # of the operator's key: its public half, and what was seen of it before

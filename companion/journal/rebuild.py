@@ -40,7 +40,7 @@ def rebuild_endpoint(start: Json, tape: PlayedTape) -> Endpoint:
             records=PlayedLink(tape) if start["has_records"] else None,
         )
         endpoint.agent.ground(str(start["grounded"]))
-        endpoint.agent.waive(str(start["waived"]), str(start["unknown"]))
+        endpoint.agent.waive(str(start["waived"]), str(start["unknown"]), unsigned=bool(start["unsigned"]))
     except (KeyError, TypeError, ValueError, AttributeError, ValidationError) as error:
         raise RebuildError(f"its first entry makes no sense: {error}") from None
     return endpoint

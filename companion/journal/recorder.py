@@ -39,13 +39,14 @@ def start_body(
     grounded: str = "",
     waived: str = "",
     unknown: str = "",
+    unsigned: bool = False,
     flown_by: str = "",
     guard: Guard | None = None,
     orders: OrderBook | None = None,
 ) -> Json:
     """All that an endpoint is built of. `mission_file`: its text as it was read; `mission` is what became of it.
 
-    `waived`, `unknown`: as Agent.waive has them. `flown_by`: a law in place of ours, which a replay has not got.
+    `waived`, `unknown`, `unsigned`: as Agent.waive has them. `flown_by`: a law in place of ours, not in the log.
     `guard`: with keys; None: an open one. `orders`: of the operator's key. Of their keys only the operator's public one
     is told, by which a replay checks the orders again.
     """
@@ -67,6 +68,7 @@ def start_body(
         "grounded": grounded,
         "waived": waived,
         "unknown": unknown,
+        "unsigned": unsigned,
         "flown_by": flown_by,
         "guard_flags": None if guard is None else guard.flags,
         "orders": None if orders is None else _book_json(orders),

@@ -47,6 +47,7 @@ class SimulatedBox:
             has_survey=mission.survey is not None,
             has_records=mission.survey is not None,
             waived=WAIVED,
+            unsigned=guard is None,
             flown_by=flown_by,
             guard=guard,
             orders=orders,

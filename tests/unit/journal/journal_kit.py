@@ -77,7 +77,7 @@ def recorder_of(
         records=box.record_link(records),
     )
     endpoint.agent.ground(body["grounded"])
-    endpoint.agent.waive(body["waived"])
+    endpoint.agent.waive(body["waived"], unsigned=body["unsigned"])
     return box.record_endpoint(endpoint), endpoint
 
 
