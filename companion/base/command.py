@@ -25,7 +25,8 @@ from mission.document.load import load_mission
 from mission.document.model import Mission
 
 TICK_S: Final = 0.05
-READS_MAX: Final = 512  # datagrams before the next tick
+READS_MAX: Final = 512  # datagrams before the next tick,
+READS_S: Final = 0.03  # and for how long: a flood keeps no answer waiting
 SHOWN_S: Final = 1.0  # between lines of progress, where they overwrite one another,
 LOGGED_S: Final = 10.0  # and where each stays
 GAPS_MAX: Final = 8  # logs whose missing numbers are named at the end
@@ -75,6 +76,8 @@ def serve(station: BaseStation, link: Link, stop: Stop, shown: Terminal) -> None
             if data is None:
                 break
             station.receive(data, now_s)
+            if time.monotonic() - now_s >= READS_S:
+                break
         if now_s < deadline_s:
             continue
         deadline_s = max(deadline_s + TICK_S, now_s)

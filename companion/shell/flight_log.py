@@ -13,6 +13,7 @@ from types import MappingProxyType
 from companion.core.model.actions import Say
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.sensor_source import SensorSource
+from companion.shell.floods import FloodLog
 from companion.shell.links import Link
 from mission.common.problems import printable
 
@@ -72,6 +73,7 @@ class ChangeLogger:
         titles = {source.NAME: source.TITLE for source in endpoint.sensors.sources}
         self._sensors = {titles[name]: (name, link) for name, link in sensors.items()}
         self._links = {"autopilot link": autopilot} | {f"{of}'s link": link for of, (_, link) in self._sensors.items()}
+        self._floods = FloodLog({**self._links, "peers' link": peers}, log.line, self._shares)
         self._up = {of: link.up for of, link in self._links.items()}
         self._status = endpoint.agent.status(0.0)  # of the last tick
         self._survey_ended = False
@@ -102,6 +104,7 @@ class ChangeLogger:
         for source in self._endpoint.sensors.sources:
             self._log_sensor(source, now_s)
         self.log_links(now_s)
+        self._floods.update(now_s)
         if now_s - self._counters_s >= COUNTERS_S:
             self._log_counters(now_s)
         if now_s - self._records_s >= RECORDS_S:
@@ -144,7 +147,11 @@ class ChangeLogger:
         for title, (name, link) in self._sensors.items():
             found[f"bad frames of the {title}"] = endpoint.sensors.bad(name)
             found[f"errors of the {title}'s link"] = link.errors
-        return found
+        return found | self._floods.counters()
+
+    def _shares(self) -> dict[int, float]:
+        """Shares of the neighbours' beacons that arrive."""
+        return {one.beacon.sender: one.share for one in self._endpoint.agent.localiser.neighbours}
 
     def log_records(self, now_s: float | None) -> None:
         """Log how far the records are, where the mission has any."""

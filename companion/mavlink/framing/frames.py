@@ -20,6 +20,7 @@ MAGIC_V1: Final = 0xFE  # as numbers, and not by the dialect's names: asked for 
 MAGIC_V2: Final = 0xFD
 SIGNED: Final = 0x01
 SIGNATURE_BYTES: Final = 13
+DATAGRAM_MAX_BYTES: Final = 4096  # that a companion reads: senders keep to an Ethernet frame, and 64 KiB cost 70 ms
 BAD_STARTS_MAX: Final = 32  # of one datagram, or one read of a stream; the rest is not worth the time of a tick
 
 

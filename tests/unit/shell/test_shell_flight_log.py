@@ -122,8 +122,8 @@ def watched(
         survey=None,
         agent=Agent(mission(), 3),
     )
-    link: Any = SimpleNamespace(up=True, errors=0)
-    peers: Any = SimpleNamespace(up=True, errors=0)
+    link: Any = SimpleNamespace(up=True, errors=0, lost=0)
+    peers: Any = SimpleNamespace(up=True, errors=0, lost=0)
     return endpoint, link, ChangeLogger(log, endpoint, link, peers), lambda: [line[13:] for line in lines()]
 
 
@@ -177,7 +177,7 @@ def test_own_motion_that_trunks_correct_and_do_not_any_more_is_logged(
 ) -> None:
     log, lines = log_file
     endpoint = endpoint_of(mission(sensing={}), {"obstacles": True})
-    link: Any = SimpleNamespace(up=True, errors=0)
+    link: Any = SimpleNamespace(up=True, errors=0, lost=0)
     watch = ChangeLogger(log, endpoint, link, link)
     perception: Any = endpoint.agent.perception
     perception.motion.velocity_bias_ne_mps = (0.1, 0.0)
@@ -199,7 +199,7 @@ def lines_of(lines: Callable[[], list[str]]) -> list[str]:
 def test_range_radio_of_another_system_is_named_once(log_file: tuple[FlightLog, Callable[[], list[str]]]) -> None:
     log, lines = log_file
     endpoint = endpoint_of(ranging_mission())
-    link: Any = SimpleNamespace(up=True, errors=0)
+    link: Any = SimpleNamespace(up=True, errors=0, lost=0)
     watch = ChangeLogger(log, endpoint, link, link)
     for k in range(3):
         endpoint.from_sensor(ranges_frame(system=7), k / 20)
@@ -215,8 +215,8 @@ def test_range_radio_whose_link_or_driver_drops_is_logged_and_counted(
 ) -> None:
     log, lines = log_file
     endpoint = endpoint_of(ranging_mission(), {"ranges": True})
-    link: Any = SimpleNamespace(up=True, errors=0)
-    radio: Any = SimpleNamespace(up=True, errors=0)
+    link: Any = SimpleNamespace(up=True, errors=0, lost=0)
+    radio: Any = SimpleNamespace(up=True, errors=0, lost=0)
     watch = ChangeLogger(log, endpoint, link, link, {"ranges": radio})
     for k in range(240):
         if k < 10 or k > 200:
@@ -243,8 +243,8 @@ def test_sensor_that_is_heard_lost_and_heard_again_is_told_each_time(
 ) -> None:
     log, lines = log_file
     endpoint = endpoint_of(mission(sensing={"stale_s": 0.3}), {"obstacles": False})
-    link: Any = SimpleNamespace(up=True, errors=0)
-    sensor: Any = SimpleNamespace(up=True, errors=0)
+    link: Any = SimpleNamespace(up=True, errors=0, lost=0)
+    sensor: Any = SimpleNamespace(up=True, errors=0, lost=0)
     watch = ChangeLogger(log, endpoint, link, link, {"obstacles": sensor})
     for k in range(40):
         if k < 10 or k > 30:
@@ -272,7 +272,7 @@ def test_status_says_what_the_safety_filter_cuts_of_the_desired_velocity(
     log_file: tuple[FlightLog, Callable[[], list[str]]],
 ) -> None:
     endpoint = Endpoint(mission(), 3)
-    link: Any = SimpleNamespace(up=True, errors=0)
+    link: Any = SimpleNamespace(up=True, errors=0, lost=0)
     watch = ChangeLogger(log_file[0], endpoint, link, link)
     own = Position((0.0, 0.0, -10.0), (0.0, 0.0, 0.0))
     endpoint.agent.setpoint = endpoint.agent.safety_filter.apply((30.0, 0.0, 0.0), surroundings(own), dt_s=9.0)
