@@ -27,6 +27,8 @@ from companion.shell.service import Service
 
 DRAIN_MAX = 4096  # datagrams at a time: more than the kernel queues
 DRAIN_S = 0.01  # a flood of any link delays a setpoint by this much at most
+FLOOD = 64  # datagrams of one link at a time, more than a swarm sends between two ticks: then it is read sooner again,
+FLOOD_WAIT_S = 0.005  # before the kernel's queue is full and genuine ones are lost with the rest
 HELLO_S = 1.0
 LEAP_NS = 600_000_000_000  # a vehicle's time may leap ahead by this much, as a simulator's does that was paused
 BELIEVED_AFTER = 3  # requests in a row, else
@@ -96,11 +98,11 @@ class Runner:
         the tick itself. What a flood has left over is taken in at once, before the next sleep.
         """
         deadline_s = time.monotonic()
-        is_drained = True
+        wait_s = math.inf
         while not self._stop.reason:
-            self._wait(deadline_s - time.monotonic() if is_drained else 0.0)
+            self._wait(min(wait_s, deadline_s - time.monotonic()))
             now_s = time.monotonic()
-            is_drained = self._drain(now_s, max(deadline_s, now_s + DRAIN_S))
+            wait_s = self._drain(now_s, max(deadline_s, now_s + DRAIN_S))
             if now_s >= deadline_s:
                 self._tick(now_s)
                 periods = math.floor((now_s - deadline_s) / TICK_S) + 1
@@ -156,10 +158,10 @@ class Runner:
         waiting = (self._stop.fileno(),) if fd < 0 else (fd, self._stop.fileno())
         select.select(waiting, (), (), max(0.0, wait_s))
 
-    def _drain(self, now_s: float, until_s: float) -> bool:
-        """The links by turns: a flood of one starves neither the others nor the ticks. Whether all are empty."""
+    def _drain(self, now_s: float, until_s: float) -> float:
+        """The links by turns: a flood of one starves neither the others nor the ticks. How long it can wait, s."""
         links = [(self._autopilot, self.endpoint.from_autopilot), *self._others()]
-        for _ in range(DRAIN_MAX):
+        for turn in range(DRAIN_MAX):
             for link, receive in tuple(links):
                 data = link.recv()
                 if data is None:
@@ -167,10 +169,10 @@ class Runner:
                 else:
                     receive(data, now_s)
             if not links:
-                return True
+                return math.inf if turn <= FLOOD else FLOOD_WAIT_S
             if time.monotonic() >= until_s:
                 break
-        return False
+        return 0.0
 
     def _others(self) -> list[tuple[Link, Callable[[bytes, float], None]]]:
         """The links but the autopilot's, and what takes the bytes of each."""

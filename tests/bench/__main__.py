@@ -22,6 +22,7 @@ from sim_bridge.judge.progress import Progress
 from tests.bench import (
     bad_radio,
     encounters,
+    floods,
     hashes,
     layers,
     lost_fixes,
@@ -59,6 +60,7 @@ PROGRAMS = {
     "encounters": encounters.main,
     "hashes": hashes.main,
     "layers": layers.main,
+    "floods": floods.main,
     "lost-fixes": lost_fixes.main,
     "orders": orders.main,
     "own-motion": own_motion.main,
@@ -318,6 +320,7 @@ ABOUT = {
     "planted-defects": "after how many flights sim-bridge search finds a defect that is put into a copy",
     "encounters": "two vehicles that do not hear each other meet: how near they come: see encounters --help",
     "orders": "orders of the operator's key, forged, replayed, in floods, and how fast one spreads: see orders --help",
+    "floods": "datagrams of 64 KiB, and 10,000 a second on each link: CPU, gaps between setpoints, beacons lost",
     "lost-fixes": "vehicles that lose their GNSS fix among trees, sent ODOMETRY or not: see lost-fixes --help",
     "own-motion": "errors of velocity, heading and place by scans beside the reported ones: see own-motion --help",
     "stand-figures": "a stand's figures of drawn and real stands against the truth: see stand-figures --help",

@@ -1,14 +1,14 @@
 """What floods cost a companion: the dearest datagrams that there are, and 10,000 a second on each of its links.
 
 `python -m tests.bench floods`: first CPU time of datagrams of 64 KiB, and of the longest that is read, on each link;
-then a vehicle in the air whose links are flooded one by one, from the very address that its autopilot, its radio and its
-sensor's driver have. Its neighbour's beacons come by the flooded link. Times: of this machine.
+then a vehicle in the air whose links are flooded one by one, from the very address that its autopilot, its radio and
+its sensor's driver have. Its neighbour's beacons come by the same radio.
 """
 
 from __future__ import annotations
 
 import argparse
-import gc
+import random
 import re
 import select
 import socket
@@ -16,42 +16,40 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import psutil
 
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
-from companion.mavlink.endpoint import Endpoint
-from companion.mavlink.framing.frames import DATAGRAM_MAX_BYTES, frames
-from companion.records.frames import RECORD_ID, VECTOR_ID
-from companion.sensors.table import sensors_of
-from companion.shell.links import UdpLink
-from companion.shell.urls import Scheme, Url
+from companion.mavlink.framing.frames import DATAGRAM_MAX_BYTES
 from mission.document.load import dump_mission
 from mission.document.model import Mission
 from sim_bridge.drive.children import end
 from sim_bridge.drive.links.hub import split
-from sim_bridge.drive.links.ports import bound_socket
+from sim_bridge.drive.links.ports import Address, bound_socket
 from sim_bridge.drive.lockstep.processes import start_companion
 from sim_bridge.drive.operator import operator_order
 from sim_bridge.world.autopilot import Link, StreamProfile
+from sim_bridge.world.sensors.table import link_name
 from sim_bridge.world.world import DEFAULT_ORIGIN, World
-from tests.bench.setpoint_gaps import SETPOINT_ID, TIMESTAMPNS, _received, point_mass
+from tests.bench.flood_costs import cost_rows, costs
+from tests.bench.setpoint_gaps import SETPOINT_ID, TIMESTAMPNS, point_mass, received
 from tests.bench.table import Row
-from tests.fuzz.companion import Episode
-from tests.fuzz.flights import Heard, heard_in
-from tests.fuzz.mutations import DATAGRAM_MAX, frame_of
+from tests.fuzz.mutations import DATAGRAM_MAX
 
 RATE_HZ = 10_000
 STEP_S = 0.01
 READY_LIMIT_S = 120.0
-COST_MS, GAP_MS = 10.0, 250.0
-TRIES = 5  # of a datagram's cost, of which the least counts: another program's work is none of its
+SETTLED_S = 5.0  # in the air, before the flood
+GAP_MS = 250.0
+DELAY_MAX_S = 0.05  # of a beacon, drawn
+FLOODED = 1  # the vehicle; 2 is its neighbour
 SENDER = """
 import socket, sys, time
 bound = socket.socket(fileno=int(sys.argv[1]))
@@ -71,163 +69,6 @@ print(sent - lost)
 """
 
 
-def filled(make: Callable[[int], bytes], size: int) -> bytes:
-    """As many frames as there is room for."""
-    found: list[bytes] = []
-    while sum(map(len, found)) + len(made := make(len(found))) <= size:
-        found.append(made)
-    return b"".join(found)
-
-
-def sender(system: int, component: int, number: int = 0) -> bytes:
-    """A header's flags, sequence, system and component."""
-    return bytes([0, 0, number & 0xFF, system, component])
-
-
-def genuine(heard: Sequence[Heard], link: str, message_id: int) -> bytes:
-    """The last frame of this message."""
-    for now in reversed(heard):
-        data: bytes = getattr(now, link)
-        for start, stop, found in frames(data):
-            if found == message_id:
-                return data[start:stop]
-    raise LookupError(f"no message {message_id} on the link {link}")
-
-
-def resent(frame: bytes, system: int, number: int) -> bytes:
-    """The same of another vehicle."""
-    message_id = int.from_bytes(frame[7:10], "little")
-    return frame_of(message_id, frame[10 : 10 + frame[1]], sender(system, frame[6], number))
-
-
-def peers_datagrams(heard: Sequence[Heard], size: int) -> Iterator[tuple[str, bytes]]:
-    """By what each is."""
-    magic = b"\xfd\xff\0\0\0\x01\xbf" + swarm_beacon.MESSAGE_ID.to_bytes(3, "little")
-    yield "start bytes", b"\xfd" * size
-    yield "claims of 255 bytes, one in the other", filled(lambda _: magic + bytes(20), size)
-    beacon = genuine(heard, "peers", swarm_beacon.MESSAGE_ID)
-    yield "beacons of 250 ids", filled(lambda k: resent(beacon, 1 + k % 250, k), size)
-    yield "beacons of members", filled(lambda k: resent(beacon, (1, 3, 4)[k % 3], k), size)
-    for name, message_id in (("records", RECORD_ID), ("vectors", VECTOR_ID)):
-        one = genuine(heard, "peers", message_id)
-        yield f"{name} of members", filled(lambda k, one=one: resent(one, (1, 3, 4)[k % 3], k), size)  # type: ignore[misc]
-    yield "vectors, each of ten new logs", filled(lambda k: new_logs(k, genuine(heard, "peers", VECTOR_ID)), size)
-    for message_id in (swarm_beacon.MESSAGE_ID, 52102, RECORD_ID, VECTOR_ID):
-        name = dialect.mavlink_map[message_id].msgname
-        yield f"shortest {name}", filled(lambda _, i=message_id: frame_of(i, b"\0", sender(3, 191)), size)  # type: ignore[misc]
-
-
-def new_logs(k: int, vector: bytes) -> bytes:
-    """A vector that tells of ten logs that nobody has heard of, with all numbers up to the largest."""
-    numbers = b"\0" * 6 + b"\xff\xff\x7f" + b"\0" * 7
-    entries = b"".join(bytes([1 + j % 4]) + (16 * k + j + 100).to_bytes(4, "little") + numbers for j in range(10))
-    return frame_of(VECTOR_ID, vector[10:20] + entries, sender((1, 3, 4)[k % 3], 191))
-
-
-def other_datagrams(ids: Sequence[int], component: int, size: int) -> Iterator[tuple[str, bytes]]:
-    """The shortest and the longest of each message."""
-    for message_id in ids:
-        message = dialect.mavlink_map[message_id]
-        for how, payload in (("shortest", b"\0"), ("longest", b"\x01" * message.unpacker.size)):
-            name = f"{how} {message.msgname}"
-            yield name, filled(lambda _, i=message_id, p=payload: frame_of(i, p, sender(2, component)), size)  # type: ignore[misc]
-
-
-@dataclass(frozen=True, slots=True)
-class Cost:
-    """CPU time of one datagram, and of the tick behind it, ms."""
-
-    link: str
-    name: str
-    read_ms: float
-    tick_ms: float
-
-
-def costs(size: int) -> list[Cost]:
-    """Of each datagram of so many bytes, to a companion in flight that has lidar, ranging and records; dearest first."""
-    heard = heard_in("stand")[:700]
-    drivers = sorted({id_ for one in sensors_of(Episode("stand").mission) for id_ in one.MESSAGES})
-    found: list[Cost] = []
-    for link, datagrams in (
-        ("peers", peers_datagrams(heard, size)),
-        ("autopilot", other_datagrams(sorted(dialect.mavlink_map), 1, size)),
-        ("sensor", other_datagrams(drivers, 196, size)),
-    ):
-        episode = flown(heard)
-        now_s = heard[-1].now_s
-        for name, data in datagrams:
-            read: Callable[[bytes, float], None] = getattr(episode, f"from_{link}")
-            least = Cost(link, name, float("inf"), float("inf"))
-            for _ in range(TRIES):
-                now_s += 0.05
-                times_ms = [cpu_ms(lambda: read(data, now_s)), cpu_ms(lambda: episode.tick(now_s))]  # noqa: B023
-                least = min(least, Cost(link, name, *times_ms), key=lambda cost: cost.read_ms)
-            found.append(least)
-    return sorted(found, key=lambda cost: -cost.read_ms)
-
-
-def flown(heard: Sequence[Heard]) -> Endpoint:
-    """A companion that has heard this, with the collector as a companion has it."""
-    one = Episode("stand").endpoint
-    for now in heard:
-        one.from_peers(now.peers, now.now_s)
-        one.from_sensor(now.sensor, now.now_s)
-        one.from_autopilot(now.autopilot, now.now_s)
-        one.tick(now.now_s)
-    gc.collect()
-    gc.freeze()
-    return one
-
-
-def cpu_ms(work: Callable[[], Any]) -> float:
-    """CPU time of this thread."""
-    began_s = time.thread_time()
-    work()
-    return 1e3 * (time.thread_time() - began_s)
-
-
-def dropped_ms() -> float:
-    """CPU time of a datagram of 64 KiB at a link, which drops it unread."""
-    link = UdpLink(Url(Scheme.UDP_IN, "127.0.0.1", 0), hears_all=True)
-    least = float("inf")
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        other.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 18)
-        for _ in range(TRIES):
-            other.sendto(bytes(DATAGRAM_MAX), ("127.0.0.1", link.port))
-            select.select([link.fileno()], (), (), 5.0)
-            least = min(least, cpu_ms(link.recv))
-    assert link.errors == TRIES
-    link.close()
-    return least
-
-
-def cost_rows() -> Iterator[Row]:
-    """Of the dearest datagram that is read, and of one of 64 KiB."""
-    dropped = dropped_ms()
-    yield Row("any datagram of 64 KiB, on any link", f"<= {COST_MS:g} ms CPU", f"{dropped:.3f} ms: dropped unread", dropped <= COST_MS)
-    for link in ("peers", "autopilot", "sensor"):
-        worst = next(cost for cost in costs_read() if cost.link == link)
-        yield Row(
-            f"- the dearest of {DATAGRAM_MAX_BYTES} bytes, the longest that is read, {link}",
-            f"<= {COST_MS:g} ms CPU",
-            f"{worst.read_ms:.2f} ms, its tick {worst.tick_ms:.2f} ms ({worst.name})",
-            max(worst.read_ms, worst.tick_ms) <= COST_MS,
-        )
-
-
-_COSTS: dict[int, list[Cost]] = {}
-
-
-def costs_read() -> list[Cost]:
-    """Of the longest datagrams that are read, measured once."""
-    if not _COSTS:
-        _COSTS[0] = costs(DATAGRAM_MAX_BYTES)
-    return _COSTS[0]
-
-
-# --- a vehicle in the air ---
-
-
 def mission() -> Mission:
     """Two vehicles with obstacle sensors, steered for as long as it takes."""
     return Mission.model_validate(
@@ -240,3 +81,196 @@ def mission() -> Mission:
             "sensing": {"sensor": "scan-1deg", "range_m": 12.0},
         }
     ).with_origin(DEFAULT_ORIGIN)
+
+
+@dataclass
+class Seen:
+    """What a flood did."""
+
+    sent: int = 0
+    stamps_ns: list[int] = field(default_factory=list)  # of the flooded vehicle's setpoints
+    beacons: int = 0  # of its neighbour, that went to it
+    echoed: set[int] = field(default_factory=set)  # their stamps, as its own beacons say that they came
+    cpu: float = 0.0  # share of one core
+    log: str = ""
+
+    @property
+    def gap_ms(self) -> float:
+        """The longest."""
+        return float(np.diff(np.array(self.stamps_ns, dtype=np.int64)).max()) / 1e6
+
+    @property
+    def reported(self) -> str:
+        """What the flight log says of it."""
+        found = re.findall(r"\] (.*(?:flooded|flood over).*)", self.log)
+        return found[-1] if found else "nothing lost"
+
+
+class Swarm:
+    """Two vehicles, their companions as processes, and this process between them."""
+
+    def __init__(self, folder: Path, stack: ExitStack) -> None:
+        self._mission = mission()
+        (folder / "mission.toml").write_text(dump_mission(self._mission))
+        links = {Link.ONBOARD: StreamProfile.MINIMAL, Link.GROUND: StreamProfile.MINIMAL}
+        self._world = World(self._mission, point_mass, links=links)
+        self._autopilots = {k: stack.enter_context(bound_socket("autopilot", 0)) for k in self._world.vehicles}
+        self._radio, self._drivers = (stack.enter_context(bound_socket(name, 0)) for name in ("radio", "drivers"))
+        for bound in (*self._autopilots.values(), self._radio, self._drivers):
+            bound.setsockopt(socket.SOL_SOCKET, TIMESTAMPNS, 1)
+        self._at: dict[tuple[str, int], Address] = {}  # by link and vehicle
+        self._folder = folder
+        self._seen = Seen()
+        self._under_way: list[tuple[float, bytes, Address]] = []
+        self._rng = random.Random(1)
+        self._order_s = 0.0
+        self._due_s = time.monotonic()
+        sensor = link_name(self._mission)
+        self.children = [
+            start_companion(
+                k,
+                folder / "mission.toml",
+                folder / f"companion-{k}.log",
+                autopilot_port=self._autopilots[k].getsockname()[1],
+                radio_port=self._radio.getsockname()[1],
+                sensor_ports={sensor: self._drivers.getsockname()[1]},
+                clock="monotonic",
+            )
+            for k in self._world.vehicles
+        ]
+        stack.callback(end, self.children)
+
+    def flood(self, link: str, data: bytes, for_s: float) -> Seen:
+        """Once it is in the air and steered. RuntimeError when it never is."""
+        until_s = time.monotonic() + READY_LIMIT_S
+        while not self._seen.stamps_ns:
+            if time.monotonic() > until_s:
+                raise RuntimeError(f"no setpoint within {READY_LIMIT_S:g} s: see {self._folder}")
+            self._turn()
+        self._run(SETTLED_S)
+        self._seen = Seen()
+        bound = {"autopilot": self._autopilots[FLOODED], "peers": self._radio, "sensor": self._drivers}[link]
+        file = self._folder / "datagram"
+        file.write_bytes(data)
+        host, port = self._at[link, FLOODED]
+        arguments = (str(bound.fileno()), host, str(port), str(file), str(RATE_HZ if data else 0), str(for_s))
+        companion = psutil.Process(self.children[FLOODED - 1].pid)
+        before = companion.cpu_times()
+        command = [sys.executable, "-c", SENDER, *arguments]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, pass_fds=(bound.fileno(),), text=True) as child:
+            self._run(for_s)
+            after = companion.cpu_times()
+            self._run(2.0)
+            self._seen.sent = int(child.communicate()[0])
+        self._run(6.0)  # until the log has said that it is over
+        self._seen.cpu = (after.user + after.system - before.user - before.system) / for_s
+        self._seen.log = (self._folder / f"companion-{FLOODED}.log").read_text()
+        return self._seen
+
+    def _run(self, for_s: float) -> None:
+        until_s = time.monotonic() + for_s
+        while time.monotonic() < until_s:
+            self._turn()
+
+    def _turn(self) -> None:
+        sockets = [*self._autopilots.values(), self._radio, self._drivers]
+        select.select(sockets, (), (), max(0.0, self._due_s - time.monotonic()))
+        for k, bound in self._autopilots.items():
+            for data, stamp_ns, address in received(bound):
+                self._at["autopilot", k] = address
+                if k == FLOODED and SETPOINT_ID in data:
+                    self._seen.stamps_ns.append(stamp_ns)
+                self._world.vehicles[k].autopilot.receive(Link.ONBOARD, data, self._world.now_s)
+        self._relay()
+        now_s = time.monotonic()
+        for _, data, address in [one for one in self._under_way if one[0] <= now_s]:
+            self._send(self._radio, data, address)
+        self._under_way = [one for one in self._under_way if one[0] > now_s]
+        for data, _, address in received(self._drivers):
+            self._at["sensor", data[5]] = address
+        if time.monotonic() >= self._due_s:
+            self._due_s = max(self._due_s + STEP_S, time.monotonic() - 0.25)
+            self._step()
+
+    def _relay(self) -> None:
+        """Beacons of each to the other."""
+        for data, _, address in received(self._radio):
+            sender = data[5]
+            self._at["peers", sender] = address
+            beacons = swarm_beacon.beacons(data)
+            if sender == FLOODED:
+                self._seen.echoed |= {said.echo_time for _, _, said in beacons if said.echo == 3 - FLOODED}
+            elif beacons:
+                self._seen.beacons += 1
+            other = self._at.get(("peers", 3 - sender))
+            if other is not None:  # at any time of its tick
+                self._under_way.append((time.monotonic() + self._rng.uniform(0.0, DELAY_MAX_S), data, other))
+
+    def _step(self) -> None:
+        world = self._world
+        world.step(STEP_S)
+        if not self._seen.stamps_ns and world.now_s - self._order_s > 1.0:
+            self._order_s = world.now_s
+            for k, vehicle in world.vehicles.items():
+                vehicle.autopilot.receive(Link.GROUND, operator_order(k, dialect.MAV_CMD_MISSION_START), world.now_s)
+        for k, vehicle in world.vehicles.items():
+            for datagram in vehicle.autopilot.transmit(Link.ONBOARD, world.now_s):
+                if ("autopilot", k) in self._at:
+                    self._send(self._autopilots[k], datagram, self._at["autopilot", k])
+            for _, data in world.sense(k):
+                for datagram in split(data) if ("sensor", k) in self._at else ():
+                    self._send(self._drivers, datagram, self._at["sensor", k])
+
+    @staticmethod
+    def _send(bound: socket.socket, data: bytes, address: Address) -> None:
+        try:
+            bound.sendto(data, address)
+        except OSError:  # a full buffer
+            return
+
+
+def flood_rows(for_s: float) -> Iterator[Row]:
+    """One flight for each flood."""
+    for link in ("none", "peers", "autopilot", "sensor"):
+        for what, data in datagrams_of(link):
+            with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+                seen = Swarm(Path(folder), stack).flood("peers" if link == "none" else link, data, for_s)
+            yield Row(
+                f"{link}: {what}, {for_s:g} s" if data else "no flood",
+                f"no gap of {GAP_MS:g} ms",
+                f"{seen.sent / for_s:.0f}/s; longest gap {seen.gap_ms:.0f} ms of {len(seen.stamps_ns)} setpoints; "
+                f"CPU {100.0 * seen.cpu:.0f} %; {len(seen.echoed)} of {seen.beacons} beacons of the neighbour echoed; "
+                f"log: {seen.reported}",
+                seen.gap_ms < GAP_MS,
+            )
+
+
+def datagrams_of(link: str) -> Iterator[tuple[str, bytes]]:
+    """What a link is flooded with."""
+    if link == "none":
+        yield "", b""
+        return
+    yield "one byte", b"\0"
+    worst = next(cost for cost in costs(DATAGRAM_MAX_BYTES) if cost.link == link)
+    yield f"the dearest of {len(worst.data)} bytes ({worst.name})", worst.data
+    yield "64 KiB", bytes(DATAGRAM_MAX)
+
+
+def main(argv: Sequence[str]) -> int:
+    """0 where all bounds are kept."""
+    parser = argparse.ArgumentParser(prog="python -m tests.bench floods", description=__doc__)
+    parser.add_argument("--seconds", type=float, default=15.0, metavar="S", help="of each flood (15)")
+    parser.add_argument(
+        "--costs", action="store_true", help="only what single datagrams cost, the dearest 20 of each link"
+    )
+    args = parser.parse_args(argv)
+    if args.costs:
+        for link in ("peers", "autopilot", "sensor"):
+            for cost in [one for one in costs(DATAGRAM_MAX_BYTES) if one.link == link][:20]:
+                print(f"{cost.read_ms:7.2f} ms, tick {cost.tick_ms:6.2f} ms  {link}: {cost.name}")
+    print("| what | wanted | seen | reached |\n|---|---|---|---|")
+    reached = True
+    for row in chain(cost_rows(), () if args.costs else flood_rows(args.seconds)):
+        print(row, flush=True)
+        reached &= row.reached
+    return int(not reached)

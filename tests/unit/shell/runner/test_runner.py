@@ -147,3 +147,28 @@ def test_a_signal_gives_the_reason_and_wakes_the_loop(number: signal.Signals) ->
         select.select([stop.fileno()], [], [], 20.0)
         assert stop.reason == number.name
     assert signal.getsignal(number) is before
+
+
+def test_a_flooded_link_is_read_again_before_the_kernels_queue_is_full(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """500 datagrams in 50 ms are more than it keeps: what is genuine was lost with the rest."""
+    waited_s: list[float] = []
+
+    def select_and_note(*arguments: Any) -> None:
+        waited_s.append(arguments[3])
+        bench.select(*arguments)
+
+    monkeypatch.setattr(runner_module, "select", SimpleNamespace(select=select_and_note))
+    bench.peers.arriving.extend([b"flood"] * (runner_module.FLOOD + 1))
+    bench.waits_left = 3
+    bench.runner.by_monotonic()
+    assert waited_s == pytest.approx([0.0, runner_module.FLOOD_WAIT_S, 0.05 - runner_module.FLOOD_WAIT_S])
+    assert bench.ticks_s == [1000.0, 1000.05]
+
+
+def test_a_swarms_beacons_are_no_flood(bench: Bench) -> None:
+    bench.peers.arriving.extend([b"beacons"] * runner_module.FLOOD)
+    bench.waits_left = 2
+    bench.runner.by_monotonic()
+    assert bench.ticks_s == [1000.0, 1000.05]
