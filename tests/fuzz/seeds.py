@@ -21,7 +21,7 @@ from mission.stems.write import to_csv, to_geojson
 from tests.fuzz.companion import links_of, part_of
 from tests.fuzz.flights import Heard, heard_in, mission_of
 from tests.fuzz.tape import Kind, Step, tick, write_tape
-from tests.fuzz.targets import CORPUS, PNG
+from tests.fuzz.targets import CORPUS, FLIGHTS, PNG
 
 WINDOWS: Final = {"start": 0.0, "climb": 0.12, "transit": 0.3, "coverage": 0.5, "return": 0.8}  # shares of a flight
 TICKS: Final = 10
@@ -38,7 +38,7 @@ def write_seeds() -> None:
 
 def seeds() -> dict[str, dict[str, bytes]]:
     """By target, then by file."""
-    flights = {name: heard_in(name) for name in ("open", "stand")}
+    flights = {name: heard_in(name) for name in FLIGHTS}
     found = {
         name: {f"{window}.tape": write_tape(_window(heard, share)) for window, share in WINDOWS.items()}
         for name, heard in flights.items()

@@ -250,6 +250,7 @@ class PlainReader(Reader):
 TARGETS: Final[dict[str, Callable[[], Target]]] = {
     "open": partial(Companion, "open"),
     "stand": partial(Companion, "stand"),
+    "signed": partial(Companion, "signed"),
     "frames": partial(Reader, read_frames),
     "watch": partial(Datagrams, _watch),
     "base": partial(Datagrams, _base),
@@ -271,6 +272,9 @@ TARGETS: Final[dict[str, Callable[[], Target]]] = {
     "world-file": partial(Loader, ".pgw", _world_file, (ChartError,)),
     "records": partial(Loader, ".db", _records, (StoreError,)),
 }
+
+
+FLIGHTS: Final = ("open", "stand", "signed")
 
 
 def corpus_of(name: str) -> dict[str, bytes]:
