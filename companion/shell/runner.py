@@ -27,8 +27,8 @@ from companion.shell.service import Service
 
 DRAIN_MAX = 4096  # datagrams at a time: more than the kernel queues
 DRAIN_S = 0.01  # a flood of any link delays a setpoint by this much at most
-FLOOD = 64  # datagrams of one link at a time, more than a swarm sends between two ticks: then it is read sooner again,
-FLOOD_WAIT_S = 0.005  # before the kernel's queue is full and genuine ones are lost with the rest
+FLOOD_HZ = 1280.0  # datagrams of one link, more than a swarm of 50 sends: then it is read sooner again,
+FLOOD_WAIT_S = 0.002  # before the kernel's queue is full and genuine ones are lost with the rest
 HELLO_S = 1.0
 LEAP_NS = 600_000_000_000  # a vehicle's time may leap ahead by this much, as a simulator's does that was paused
 BELIEVED_AFTER = 3  # requests in a row, else
@@ -84,6 +84,7 @@ class Runner:
         self.now_s: float | None = None  # of the clock in use, at the last tick
         self.ticks = 0
         self.missed = 0  # ticks that were skipped
+        self._drained_s = float("-inf")  # when all links were found empty
         self._autopilot = autopilot
         self._peers = peers
         self._sensors = sensors
@@ -169,7 +170,8 @@ class Runner:
                 else:
                     receive(data, now_s)
             if not links:
-                return math.inf if turn <= FLOOD else FLOOD_WAIT_S
+                passed_s, self._drained_s = max(FLOOD_WAIT_S, now_s - self._drained_s), now_s
+                return math.inf if turn <= FLOOD_HZ * min(TICK_S, passed_s) else FLOOD_WAIT_S
             if time.monotonic() >= until_s:
                 break
         return 0.0
