@@ -46,6 +46,7 @@ from companion.core.agent import Agent
 from companion.core.model.actions import Say, VelocitySetpoint
 from companion.core.model.states import FlightMode, Order, Result, Role
 from companion.core.model.vectors import norm
+from mission.document.model import PositionUncertain
 from tests import tick_arrows
 from tests.unit.core.core_fleet import Aircraft, Fleet
 from tests.unit.core.core_kit import mission
@@ -287,6 +288,9 @@ class Player:
 
     def do_placeless(self, vehicle: str, on: str) -> None:
         self.one(vehicle).agent.localiser.is_position_lost = on == "on"
+        for one in self._fleet.aircraft.values():  # as if the mission had vehicles that fly by ranges
+            spec = one.agent.mission.swarm.position_uncertain
+            one.agent.swarm.trust.gate.may_turn_back = spec is PositionUncertain.RETURN
 
     def do_late(self, vehicle: str, seconds: str) -> None:
         self.one(vehicle).late_s = float(seconds)

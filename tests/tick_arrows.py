@@ -311,7 +311,7 @@ class _DecidedSwarm:
     def has(self, _vehicle_id: int) -> bool:
         return True
 
-    def sanitise_beacon(self, beacon: Beacon) -> Beacon:
+    def sanitise_beacon(self, beacon: Beacon, _now_s: float) -> Beacon:
         return beacon
 
     def receive_beacon(self, _beacon: Beacon, _now_s: float) -> None:

@@ -274,7 +274,7 @@ class Agent:
         own, sender = self.flight.vehicle.position, heard.said.sender
         if own is None or sender == self.id or not self.swarm.has(sender):
             return
-        said = self.swarm.sanitise_beacon(heard.said)
+        said = self.swarm.sanitise_beacon(heard.said, now_s)
         if said is not heard.said:
             heard = HeardBeacon(said, heard.rel_ned_m)
         if self.localiser.receive_beacon(heard, own.pos_ned_m, now_s):

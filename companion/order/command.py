@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import hashlib
 import secrets
 import select
 import sys
@@ -18,11 +17,12 @@ from companion.keys.keyring import OPERATOR
 from companion.keys.process import harden_process
 from companion.mavlink.orders.order import OrderKind
 from companion.mavlink.peers.guard import SignedGuard
-from companion.mavlink.peers.session import OPERATOR_ID, open_session
+from companion.mavlink.peers.session import OPERATOR_ID
 from companion.order.ground_station import GroundStation
 from companion.order.order_file import SUFFIX, OperatorFile, OrderFileError
 from companion.order.station import OperatorStation, list_ids
 from companion.shell.links import Link, LinkError, open_link
+from companion.shell.radio_keys import mission_digest, open_radio_session
 from companion.shell.runner import Stop
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
 from mission.common.problems import MissionError, printable
@@ -61,7 +61,7 @@ def _order(arguments: argparse.Namespace, opened: ExitStack) -> int:
     try:
         keyring = load_keyring(arguments.key, OPERATOR)
         mission = load_mission(arguments.mission)
-        digest = hashlib.sha256(Path(arguments.mission).read_bytes()).digest()
+        digest = mission_digest(arguments.mission)
         file = OperatorFile(Path(f"{arguments.key}{SUFFIX}"), lambda: time.time_ns() // 1_000_000)
         knows_flight = file.knows_flight(digest)
         link = _open(arguments.peers, opened)
@@ -73,7 +73,7 @@ def _order(arguments: argparse.Namespace, opened: ExitStack) -> int:
     except LinkError as error:
         raise _RefusedError(EXIT_ENVIRONMENT, str(error)) from None
     size = mission.swarm.size
-    guard = SignedGuard(open_session(keyring, OPERATOR_ID, digest, secrets.randbits(32) or 1))
+    guard = SignedGuard(open_radio_session(keyring, OPERATOR_ID, arguments.mission))
     station = OperatorStation(keyring.seed, digest, size, file=file, draw=secrets.token_bytes, guard=guard)
     with Stop() as stop:
         radio = _Radio(station, link, stop)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from companion.mavlink.orders.order import COUNTER_MAX, NO_FLIGHT, NONCE_BYTES
-from companion.shell.order_marks import write_durably
+from mission.common.durable_files import write_durably
 
 SUFFIX: Final = ".orders"
 MISSIONS_MAX: Final = 64  # whose flights are kept; the oldest go

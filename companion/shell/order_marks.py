@@ -7,10 +7,11 @@ order to land not for the card.
 from __future__ import annotations
 
 import contextlib
-import os
 import threading
 from pathlib import Path
 from typing import Final
+
+from mission.common.durable_files import write_durably
 
 KEPT_MAX: Final = 4096  # more is none of ours
 JOIN_S: Final = 2.0  # at the end, for the last write
@@ -78,24 +79,3 @@ class FileMarks:
                 return False
             self._written = count
         return True
-
-
-def write_durably(path: Path, data: bytes) -> None:
-    """`data` in place of a file's, of mode 0600, on the disk when this returns. OSError: the file is as it was."""
-    beside = path.with_name(f"{path.name}.new")
-    fd = os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
-    try:
-        with open(fd, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(fd)
-        os.replace(beside, path)
-    except OSError:
-        with contextlib.suppress(OSError):
-            beside.unlink()
-        raise
-    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)

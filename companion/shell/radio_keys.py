@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 from companion.keys.fingerprints import summary
 from companion.keys.key_file import load_keyring
-from companion.keys.keyring import OPERATOR
+from companion.keys.keyring import OPERATOR, Keyring
 from companion.keys.process import harden_process
 from companion.mavlink.orders.book import OrderBook
 from companion.mavlink.peers.guard import Guard, SignedGuard
-from companion.mavlink.peers.session import BASE_ID, open_session
+from companion.mavlink.peers.session import BASE_ID, Session, open_session
 from companion.shell.orders import orders_of, orders_path
 from mission.document.load import mission_sha256
 
@@ -36,9 +36,9 @@ def open_keys(
         return RadioKeys(None, None, [UNSIGNED])
     weakness = harden_process()
     keyring = load_keyring(key, vehicle_id)
-    digest, boot = bytes.fromhex(mission_sha256(mission)), _draw_boot()
-    session = open_session(keyring, vehicle_id, digest, boot)
-    orders = orders_of(keyring, digest, size, boot, orders_path(log, vehicle_id), opened, beside_loop=beside_loop)
+    session = open_radio_session(keyring, vehicle_id, mission)
+    digest, path = mission_digest(mission), orders_path(log, vehicle_id)
+    orders = orders_of(keyring, digest, size, session.boot, path, opened, beside_loop=beside_loop)
     lines = [f"radio signed: {summary(keyring)}", *([weakness] if weakness else [])]
     return RadioKeys(SignedGuard(session), orders, lines)
 
@@ -48,9 +48,15 @@ def open_base_guard(key: str | None, mission: str) -> Guard | None:
     if key is None:
         return None
     harden_process()
-    digest = bytes.fromhex(mission_sha256(mission))
-    return SignedGuard(open_session(load_keyring(key, OPERATOR), BASE_ID, digest, _draw_boot()))
+    return SignedGuard(open_radio_session(load_keyring(key, OPERATOR), BASE_ID, mission))
 
 
-def _draw_boot() -> int:
-    return int.from_bytes(os.urandom(BOOT_BYTES), "little") or 1
+def open_radio_session(keyring: Keyring, me: int, mission: str) -> Session:
+    """Of this start: its boot is drawn. `mission`: its file."""
+    boot = int.from_bytes(os.urandom(BOOT_BYTES), "little") or 1
+    return open_session(keyring, me, mission_digest(mission), boot)
+
+
+def mission_digest(mission: str) -> bytes:
+    """SHA-256 of a mission file, as sha256sum has it."""
+    return bytes.fromhex(mission_sha256(mission))

@@ -202,6 +202,7 @@ class Flight:
         self.events.extend((now_s, event.ends()) for event in ended)
         self.lockstep.stopped, self.lockstep.late_s = self.faults.stopped, self.faults.late_s
         self.lockstep.blind = self.faults.blind
+        self.lockstep.insiders.set_lies(self.faults.lies)
         for kind in {event.kind: None for event in (*began, *ended)}:
             strike(self.world, kind, self.faults.in_force(kind))
         self.world.radio.cut_off = self.faults.cut_off

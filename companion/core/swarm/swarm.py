@@ -8,7 +8,6 @@ election is its Algorithm 1, lines 4-18 (see `election`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final
 
 from companion.core.guidance import coverage, formation
@@ -16,7 +15,7 @@ from companion.core.model.actions import Say
 from companion.core.model.beacon import Beacon, BeaconEcho, Lease, PeerReport
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import STEERED, FlightState, Reception, Role, SwarmPhase
-from companion.core.model.vectors import ZERO, limit, norm, sub
+from companion.core.model.vectors import ZERO, sub
 from companion.core.swarm.backtracking import Backtracking
 from companion.core.swarm.election import ECHO_PERIODS, LEASE_PERIODS, Election
 from companion.core.swarm.orders import Goal
@@ -26,6 +25,7 @@ from companion.core.swarm.picture import Picture
 from companion.core.swarm.priorities import Priorities, score_of
 from companion.core.swarm.reports import SwarmReports
 from companion.core.swarm.roster import Roster
+from companion.core.swarm.trust.trust import Trust
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import Finding, Readings, Source
 from companion.core.vehicle.operator_orders import OperatorOrders
@@ -36,7 +36,6 @@ LISTEN_S: Final = 5.0  # in the air without a leader, among others that listen t
 RENEWED_PERIODS: Final = 2  # since news of the leader: longer, the way to it may be cut
 REF_FADES_FROM: Final = 5  # periods without news of the leader; the reference is gone when the lease is
 OUTWARD = (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE)
-RANGE_STEP_M: Final = 0.1  # in which beacons tell the range of a radio
 NOT_AT_IT = (FlightState.HOLD, FlightState.SEEKING)  # steered, but not as the phase asks
 
 
@@ -48,6 +47,7 @@ class Swarm:
         self.me, self.operator = me, operator
         self._reception = Reception.GOOD if mission.has_satellites(me) else Reception.NONE
         self._priorities = Priorities(mission)
+        self.trust = Trust(mission, me, self._priorities)
         self.election = self._new_election(mission)
         self.phases = Phases(mission)
         self.roster = Roster(me, mission.swarm.size)
@@ -60,8 +60,7 @@ class Swarm:
         self.launched = False  # the swarm takes off, or has
         self._reports = SwarmReports(mission, me)
         self._mission = mission
-        self._size, self._fastest_mps = mission.swarm.size, mission.limits.speed_max_mps
-        self._least_range_m = min(mission.radio.transit_range_m, mission.radio.full_range_m)
+        self._size = mission.swarm.size
         self._period_s = 1.0 / mission.radio.beacon_rate_hz
 
     # --- what is heard ---
@@ -70,30 +69,24 @@ class Swarm:
         """One of the mission's swarm: no other vehicle leads, votes or is followed."""
         return 1 <= vehicle_id <= self._size
 
-    def sanitise_beacon(self, beacon: Beacon) -> Beacon:
-        """The same without what no member truly says: a priority, reference, range that none has."""
-        candidate = beacon.candidate
-        if candidate is not None and not self._priorities.may_have(candidate.priority, candidate.vehicle):
-            beacon = replace(beacon, candidate=None)
-        if norm(beacon.ref_ned_mps) > self._fastest_mps:
-            beacon = replace(beacon, ref_ned_mps=limit(beacon.ref_ned_mps, self._fastest_mps))
-        if beacon.range_m < self._least_range_m - RANGE_STEP_M:
-            beacon = replace(beacon, range_m=self._least_range_m)
-        return beacon
+    def sanitise_beacon(self, beacon: Beacon, now_s: float) -> Beacon:
+        """The same without what no member truly says, or what a blocked one says."""
+        return self.trust.sanitise_beacon(beacon, now_s)
+
+    def block(self, vehicle: int, why: str) -> None:
+        """A member is proven to have lied: from now on its words count for separation alone. `why`: in words."""
+        if self.has(vehicle) and vehicle != self.me:
+            self.trust.blocklist.block(vehicle, why)
 
     def receive_beacon(self, beacon: Beacon, now_s: float) -> None:
         """A new beacon of another member."""
         self.roster.update_flown(beacon)
         self.operator.receive_flags(beacon)
-        lease = beacon.lease
-        if lease is None or not self.has(lease.leader):
+        if beacon.lease is not None and not self.has(beacon.lease.leader):
             return
-        if self._priorities.may_have(lease.priority, lease.leader) and self.election.receive_lease(lease, beacon.hop):
+        is_news = self.trust.receive_lease(beacon, self.election, now_s)
+        if self.trust.believes_phase(beacon, self.election, self.phases, now_s, is_news=is_news):
             self.phases.adopt_phase(beacon.phase, now_s, beacon.stop)
-        elif self.election.role is Role.LEADER and lease.leader == self.me:
-            self.phases.adopt_phase(
-                beacon.phase, now_s, beacon.stop
-            )  # of a part that it has joined, and that is further on
 
     def forget_leader(self) -> None:
         """After a stall: what is known of the leader is old."""
@@ -181,7 +174,11 @@ class Swarm:
         eligible = there and not resigns
         score = score_of(picture.battery_percent, self._reception)
         self.election.set_priority(self._priorities.of(self.me, self._reception))
-        heard = contacts.beacons(now_s, within_s=ECHO_PERIODS * self._period_s)
+        news = self.trust.run_period(picture, self.election, self.phases, is_held=self.operator.holds)
+        for vehicle, why in news:
+            self._reports.report_blocked(vehicle, why)
+        self.roster.exclude(self.trust.blocklist.bits())
+        heard = self.trust.find_views(contacts.beacons(now_s, within_s=ECHO_PERIODS * self._period_s))
         self.election.run_period(now_s, period_s=self._period_s, eligible=eligible, score=score, heard=heard)
         self._reports.report_leader(self.election.lease, is_steered=picture.is_steered)
         self.find_route(picture)
@@ -205,10 +202,11 @@ class Swarm:
             self.route = formation.NOWHERE
         else:
             self.route = formation.route(linked, range_m=self.range_m)
+            self.trust.check_route(self.route, neighbours, self.election.lease, picture.now_s)
         self._is_link_bad = formation.is_link_bad(self.route, was_bad=self._is_link_bad)
         self.governor = formation.governor(
             self.route,
-            formation.children(self.me, self.route, linked),
+            self.trust.filter_followers(formation.children(self.me, self.route, linked), picture.now_s),
             range_m=self.formation_range_m,
             link_is_bad=self._is_link_bad,
         )
@@ -233,7 +231,7 @@ class Swarm:
         if self.phases.is_near_end(now_s) and not self._is_formed(picture):
             self.phases.note_unformed(now_s)
         done, phase = self.roster.done, self.phases.phase
-        done = self._may_leave(done, is_lost=is_lost)
+        done = self._may_leave(self.roster.with_excluded(done), is_lost=is_lost)
         if self.phases.decide_phase(done, to_goal_m=to_goal_m, started=self.operator.started, now_s=now_s):
             entered = self.phases.phase
             if entered is SwarmPhase.GATHER:

@@ -14,32 +14,36 @@ from companion.mavlink.orders.order import order_payload
 from companion.mavlink.peers import manifest as manifests
 from companion.mavlink.relative import read_relative_report
 from companion.records.frames import is_record_frame, read_record, read_vector
+from sim_bridge.drive.links.insider import Insiders
 from sim_bridge.world.radio import Radio
 
 
 class Transmitter:
     """Hands the companions' beacons to the radio, and keeps what they say.
 
-    Each radio is set to the range that its companion announces.
+    Each radio is set to the range that its companion announces. What an insider's companion says is kept as it says it,
+    and goes on the air rewritten.
     """
 
-    def __init__(self, radio: Radio) -> None:
+    def __init__(self, radio: Radio, insiders: Insiders | None = None) -> None:
         self.said: dict[int, WireBeacon] = {}  # by id: the last valid beacon of each companion
         self.said_s: dict[int, float] = {}  # by id: when that was sent
         self.words: dict[int, RelativeReport] = {}  # by id: the last that went with one
         self.refused = 0  # beacons in another's name
         self._radio = radio
+        self._insiders = insiders
 
     def send(self, sender: int, data: bytes, now_s: float) -> tuple[bytes, ...]:
         """A datagram from `sender`'s own socket; returns the valid beacons in it. KeyError: its radio has no place."""
         sent = []
         found = _Found()
+        insider = None if self._insiders is None else self._insiders.find_insider(sender)
         each = beacons(data, found.take_frame)
         beside, behind = b"", b"".join(self._frames_of(sender, found.proofs))
         for frame, word in found.words:
             if source(frame) == (sender, COMPONENT):
                 self.words[sender] = word
-                beside += frame
+                beside += frame if insider is None else insider.rewrite_report(frame, word, now_s)
             else:
                 self.refused += 1
         for system, frame, beacon in each:
@@ -48,7 +52,10 @@ class Transmitter:
                 continue
             self.said[sender], self.said_s[sender] = beacon, now_s
             self._radio.set_range(sender, beacon.range_dm / 10.0)
-            self._radio.send(sender, beside + frame + behind, now_s)
+            told = frame
+            if insider is not None:
+                told = insider.rewrite_beacon(frame, beacon, now_s, self._radio.positions)
+            self._radio.send(sender, beside + told + behind, now_s)
             beside = behind = b""
             sent.append(frame)
         for frame in (behind, *self._frames_of(sender, found.orders), *self._frames_of(sender, found.records)):

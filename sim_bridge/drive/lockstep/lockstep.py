@@ -25,6 +25,7 @@ from companion.sensors.table import sensors_of
 from companion.survey.of_mission import survey_of
 from mission.document.model import Mission
 from sim_bridge.drive.links.inbox import Inbox
+from sim_bridge.drive.links.insider import Insiders
 from sim_bridge.drive.links.radio_node import RadioNode
 from sim_bridge.drive.links.transmitter import Transmitter
 from sim_bridge.drive.ticks import world_tick
@@ -162,7 +163,8 @@ class Lockstep:
         self.to_companion: dict[int, bytes] = {}  # the last tick's traffic, for what records it
         self.from_companion: dict[int, bytes] = {}
         self.beacons: dict[int, tuple[bytes, ...]] = {}
-        self.transmitter = Transmitter(world.radio)
+        self.insiders = Insiders(world.mission)
+        self.transmitter = Transmitter(world.radio, self.insiders)
         self.last = self._emit()
 
     def tick(self, meanwhile: Callable[[], None] = lambda: None) -> None:

@@ -47,7 +47,7 @@ def test_one_that_hears_satellites_precedes_all_that_do_not(vehicle: int, recept
 def test_only_what_the_mission_gives_a_vehicle_is_believed(vehicle: int, priority: int, believed: bool) -> None:
     swarm = Swarm(MISSION, 2 if vehicle == 1 else 1, OperatorOrders())
     told = beacon(vehicle, candidate=Candidate(vehicle, priority, 9))
-    assert (swarm.sanitise_beacon(told).candidate is not None) is believed
+    assert (swarm.sanitise_beacon(told, 1.0).candidate is not None) is believed
     lease = Lease(vehicle, 1000, priority, 9, established=True)
     swarm.receive_beacon(beacon(vehicle, lease=lease), 1.0)
     held = swarm.election.lease
@@ -59,9 +59,9 @@ def test_a_radio_is_set_to_no_less_than_any_phase_asks_for() -> None:
     radio = MISSION.radio
     least_m = min(radio.transit_range_m, radio.full_range_m)
     swarm = Swarm(MISSION, 1, OperatorOrders())
-    assert swarm.sanitise_beacon(beacon(2, range_m=0.0)).range_m == least_m
+    assert swarm.sanitise_beacon(beacon(2, range_m=0.0), 1.0).range_m == least_m
     for told_m in (least_m, radio.full_range_m):
-        assert swarm.sanitise_beacon(beacon(2, range_m=told_m)).range_m == told_m
+        assert swarm.sanitise_beacon(beacon(2, range_m=told_m), 1.0).range_m == told_m
 
 
 @pytest.mark.parametrize(
