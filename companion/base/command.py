@@ -15,6 +15,7 @@ from companion.base.station import BaseStation
 from companion.keys.key_file import KeyFileError
 from companion.records.node import open_base
 from companion.records.store import StoreError
+from companion.shell.floods import FloodLog
 from companion.shell.links import Link, LinkError, open_link
 from companion.shell.radio_keys import open_base_guard
 from companion.shell.records import draw_log
@@ -67,6 +68,7 @@ def base(arguments: argparse.Namespace) -> int:
 
 def serve(station: BaseStation, link: Link, stop: Stop, shown: Terminal) -> None:
     """Hear and answer until `stop` has a reason."""
+    floods = FloodLog({"radio": link}, lambda _now_s, text, _is_over: shown.line(text))
     deadline_s = time.monotonic()
     while not stop.reason:
         select.select((link.fileno(), stop.fileno()), (), (), max(0.0, deadline_s - time.monotonic()))
@@ -85,6 +87,7 @@ def serve(station: BaseStation, link: Link, stop: Stop, shown: Terminal) -> None
             link.send(datagram)
         for line in station.lines():
             shown.line(line)
+        floods.update(now_s)
         shown.progress(describe(station, now_s), now_s)
 
 

@@ -15,7 +15,7 @@ from typing import Protocol
 import serial
 
 from companion.mavlink.framing.frames import DATAGRAM_MAX_BYTES
-from companion.shell.floods import dropped_of
+from companion.shell.floods import drop_longer, dropped_of
 from companion.shell.urls import Scheme, Url, is_ipv4
 
 RECV_BYTES = 65536  # the longest UDP datagram
@@ -36,7 +36,7 @@ class Link(Protocol):
 
     @property
     def lost(self) -> int:
-        """Datagrams that the kernel dropped so far, as more came than were read."""
+        """Datagrams that the kernel dropped so far: more came than were read, or they were too long."""
 
     @property
     def up(self) -> bool:
@@ -95,7 +95,7 @@ class UdpLink:
         self._other_end: tuple[str, int] | None = None  # of `udpin`
         self._heard_s = 0.0
         self._connected = url.scheme is Scheme.UDP_OUT
-        self._sock = _udp_socket()
+        self._sock = _udp_socket(datagram_max_bytes)
         try:
             address = resolved(url)
             if self._connected:
@@ -182,8 +182,8 @@ class BroadcastLink:
     def __init__(self, url: Url, *, datagram_max_bytes: int = DATAGRAM_MAX_BYTES) -> None:
         self.errors = 0
         self._most = datagram_max_bytes
-        self._in = _udp_socket()
-        self._out = _udp_socket()  # its own port tells own datagrams from others', even of the same computer
+        self._in = _udp_socket(datagram_max_bytes)
+        self._out = _udp_socket(datagram_max_bytes)  # its own port tells own datagrams from others'
         try:
             self._in.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             self._in.bind((url.place, url.number))
@@ -334,10 +334,11 @@ class SerialLink:
         self._rest = b""
 
 
-def _udp_socket() -> socket.socket:
+def _udp_socket(datagram_max_bytes: int) -> socket.socket:
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     sock.setblocking(False)
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, QUEUE_BYTES)
+    drop_longer(sock, datagram_max_bytes)
     return sock
 
 

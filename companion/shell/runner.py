@@ -13,6 +13,7 @@ import socket
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from itertools import starmap
 from types import FrameType, TracebackType
 from typing import Any, Self
 
@@ -160,21 +161,28 @@ class Runner:
         select.select(waiting, (), (), max(0.0, wait_s))
 
     def _drain(self, now_s: float, until_s: float) -> float:
-        """The links by turns: a flood of one starves neither the others nor the ticks. How long it can wait, s."""
-        links = [(self._autopilot, self.endpoint.from_autopilot), *self._others()]
-        for turn in range(DRAIN_MAX):
-            for link, receive in tuple(links):
-                data = link.recv()
-                if data is None:
-                    links.remove((link, receive))
-                else:
-                    receive(data, now_s)
-            if not links:
-                passed_s, self._drained_s = max(FLOOD_WAIT_S, now_s - self._drained_s), now_s
-                return math.inf if turn <= FLOOD_HZ * min(TICK_S, passed_s) else FLOOD_WAIT_S
-            if time.monotonic() >= until_s:
-                break
-        return 0.0
+        """The links by turns, of equal time: a flood of one starves neither others nor ticks. How long it can wait, s.
+
+        Not of equal datagrams: the autopilot's would wait for as many of the dearest that a radio can be sent.
+        """
+        turns = [_Turns(self._autopilot, self.endpoint.from_autopilot), *starmap(_Turns, self._others())]
+        most = 0  # datagrams of one link
+        began_s = time.monotonic()
+        while turns:
+            one = min(turns, key=_Turns.order)
+            data = one.link.recv()
+            if data is None:
+                turns.remove(one)
+                continue
+            one.receive(data, now_s)
+            ended_s = time.monotonic()
+            one.count += 1
+            one.spent_s, began_s = one.spent_s + ended_s - began_s, ended_s
+            most = max(most, one.count)
+            if ended_s >= until_s or most >= DRAIN_MAX:
+                return 0.0
+        passed_s, self._drained_s = max(FLOOD_WAIT_S, now_s - self._drained_s), now_s
+        return math.inf if most <= FLOOD_HZ * min(TICK_S, passed_s) else FLOOD_WAIT_S
 
     def _others(self) -> list[tuple[Link, Callable[[bytes, float], None]]]:
         """The links but the autopilot's, and what takes the bytes of each."""
@@ -202,6 +210,22 @@ class Runner:
         self.now_s = now_s
         self.ticks += 1
         self._changes.log_changes(now_s, out.said)
+
+
+class _Turns:
+    """One link's, while all are drained."""
+
+    __slots__ = ("count", "link", "receive", "spent_s")
+
+    def __init__(self, link: Link, receive: Callable[[bytes, float], None]) -> None:
+        self.link = link
+        self.receive = receive
+        self.count = 0  # datagrams
+        self.spent_s = 0.0  # on them
+
+    def order(self) -> tuple[float, int]:
+        """The least is next."""
+        return self.spent_s, self.count
 
 
 class VehicleClock:

@@ -1,4 +1,4 @@
-"""Floods: datagrams that are too long are dropped unread, what the kernel drops is counted, and both are told."""
+"""Floods: datagrams that are too long are dropped unread, what the kernel drops is counted, and it is told."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import pytest
 
 from companion.mavlink.framing.frames import DATAGRAM_MAX_BYTES
+from companion.shell import floods
 from companion.shell.floods import AGAIN_S, LOOK_S, OVER_S, FloodLog
 from companion.shell.links import BroadcastLink, Link, UdpLink
 from companion.shell.urls import Scheme, Url
@@ -38,11 +39,8 @@ def next_of(link: Link) -> bytes | None:
     return link.recv()
 
 
-@pytest.mark.parametrize("kind", ["udpin", "udpout", "udpbcast"])
-@pytest.mark.parametrize("size", TOO_LONG)
-def test_a_datagram_that_no_vehicle_sends_is_dropped_unread_and_counted(
-    kind: str, size: int, opened: ExitStack
-) -> None:
+def opened_link(kind: str, opened: ExitStack) -> tuple[Link, socket.socket]:
+    """A link of this kind, and a socket that it hears."""
     link: Link
     if kind == "udpout":
         other = opened.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
@@ -61,10 +59,35 @@ def test_a_datagram_that_no_vehicle_sends_is_dropped_unread_and_counted(
         link = BroadcastLink(Url(Scheme.UDP_BROADCAST, "127.255.255.255", port))
         other = sender_to(("127.255.255.255", port), opened)
     opened.callback(link.close)
+    return link, other
+
+
+KINDS = ("udpin", "udpout", "udpbcast")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("size", TOO_LONG)
+def test_the_kernel_drops_a_datagram_that_no_vehicle_sends_and_it_takes_no_place_in_the_queue(
+    kind: str, size: int, opened: ExitStack
+) -> None:
+    link, other = opened_link(kind, opened)
+    for data in (b"\x01" * DATAGRAM_MAX_BYTES, *[b"\x02" * size] * 500, b"after"):
+        other.send(data)
+    assert [next_of(link) for _ in range(2)] == [b"\x01" * DATAGRAM_MAX_BYTES, b"after"]
+    assert (link.lost, link.errors) == (500, 0)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("size", TOO_LONG)
+def test_where_the_kernel_cannot_one_that_is_too_long_is_dropped_unread_and_counted(
+    kind: str, size: int, opened: ExitStack, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(floods, "ATTACH_FILTER", 9999)
+    link, other = opened_link(kind, opened)
     for data in (b"\x01" * DATAGRAM_MAX_BYTES, b"\x02" * size, b"after"):
         other.send(data)
     assert [next_of(link) for _ in range(3)] == [b"\x01" * DATAGRAM_MAX_BYTES, b"", b"after"]
-    assert link.errors == 1
+    assert (link.lost, link.errors) == (0, 1)
 
 
 def test_a_simulator_in_lockstep_may_send_longer_ones(opened: ExitStack) -> None:
@@ -107,20 +130,20 @@ class Counted:
     lost: int = 0
 
 
-def log_of(links: dict[str, Counted], shares: dict[int, float]) -> tuple[FloodLog, list[tuple[float, str]]]:
-    said: list[tuple[float, str]] = []
-    return FloodLog(links, lambda now_s, text: said.append((now_s, text)), lambda: shares), said
+def log_of(links: dict[str, Counted]) -> tuple[FloodLog, list[tuple[float, str, bool]]]:
+    said: list[tuple[float, str, bool]] = []
+    return FloodLog(links, lambda now_s, text, is_over: said.append((now_s, text, is_over))), said
 
 
-def test_a_flood_is_told_when_it_begins_and_when_it_is_over_with_the_beacons_that_arrive() -> None:
+def test_a_flood_is_told_when_it_begins_and_when_it_is_over() -> None:
     peers = Counted(7)
-    log, said = log_of({"peers' link": peers, "autopilot link": Counted()}, {3: 0.4, 2: 1.0})
+    log, said = log_of({"peers' link": peers, "autopilot link": Counted()})
     for tick in range(40):
         now_s = 0.5 * tick
         peers.lost += 100 if 4.0 <= now_s < 6.0 else 0
         log.update(now_s)
-    assert said[0] == (4.0, "peers' link flooded: 100 datagrams lost unread; beacons that arrive: 2 100 %, 3 40 %")
-    assert said[1][1] == "peers' link: flood over, 400 datagrams lost unread"
+    assert said[0] == (4.0, "peers' link flooded: 100 lost unread", False)
+    assert said[1][1:] == ("peers' link flood over: 400 lost unread", True)
     assert 5.5 + OVER_S <= said[1][0] <= 6.0 + OVER_S + LOOK_S
     assert len(said) == 2
     assert log.counters() == {
@@ -129,18 +152,28 @@ def test_a_flood_is_told_when_it_begins_and_when_it_is_over_with_the_beacons_tha
     }
 
 
+def test_one_that_pauses_is_one_flood() -> None:
+    link = Counted()
+    log, said = log_of({"peers' link": link})
+    for second in range(30):
+        link.lost += 10 if second % 5 == 0 else 0
+        log.update(float(second))
+    assert [text for _, text, _ in said if "over" in text] == []
+    assert [now_s for now_s, _, _ in said] == [0.0, 10.0, 20.0]
+
+
 def test_a_long_flood_is_told_now_and_then() -> None:
     link = Counted()
-    log, said = log_of({"autopilot link": link}, {})
+    log, said = log_of({"autopilot link": link})
     for second in range(60):
         link.lost += 10
         log.update(float(second))
-    assert [now_s for now_s, _ in said] == [k * AGAIN_S for k in range(6)]
-    assert said[-1][1] == "autopilot link flooded: 510 datagrams lost unread"
+    assert [now_s for now_s, _, _ in said] == [k * AGAIN_S for k in range(6)]
+    assert said[-1][1] == "autopilot link flooded: 510 lost unread"
 
 
 def test_without_losses_nothing_is_told() -> None:
-    log, said = log_of({"peers' link": Counted(5)}, {2: 1.0})
+    log, said = log_of({"peers' link": Counted(5)})
     for second in range(100):
         log.update(float(second))
     assert said == []
