@@ -299,3 +299,45 @@ def test_an_error_that_stopped_the_survey_is_logged_once(watched: Watched) -> No
     watch.log_changes(3.0, [])
     stopped = [line for line in lines() if "survey" in line]
     assert stopped == [f"survey stopped, the flight goes on: {endpoint.survey.error}"]
+
+
+def statustexts(data: bytes) -> list[tuple[int, str]]:
+    """Severity and text of each."""
+    parsed = dialect.MAVLink(None).parse_buffer(data) or []
+    return [(m.severity, m.text.rstrip("\0")) for m in parsed if m.get_type() == "STATUSTEXT"]
+
+
+@pytest.mark.sources
+def test_a_flood_is_told_to_the_operator_with_the_beacons_that_are_lost(
+    log_file: tuple[FlightLog, Callable[[], list[str]]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log, lines = log_file
+    endpoint = endpoint_of(mission())
+    link: Any = SimpleNamespace(up=True, errors=0, lost=0)
+    peers: Any = SimpleNamespace(up=True, errors=0, lost=0)
+    watch = ChangeLogger(log, endpoint, link, peers)
+    heard = [SimpleNamespace(beacon=SimpleNamespace(sender=k), share=share) for k, share in ((1, 1.0), (2, 0.43))]
+    status = endpoint.agent.status(0.0)
+    monkeypatch.setattr(endpoint.agent, "localiser", SimpleNamespace(neighbours=heard))
+    monkeypatch.setattr(endpoint.agent, "status", lambda _now_s: status)
+    told: list[Say] = []
+    monkeypatch.setattr(endpoint, "tell", told.append)
+    for second in range(9):
+        peers.lost += 4120 if second == 1 else 0
+        watch.log_changes(float(second), [])
+    assert told == [
+        Say(Severity.WARNING, "peers' link flooded: 4120 lost unread"),
+        Say(Severity.WARNING, "beacons lost: 43 % of vehicle 2's arrive"),
+        Say(Severity.NOTICE, "peers' link flood over: 4120 lost unread"),
+    ]
+    assert "beacons that arrive: 1 100 %, 2 43 %" in lines_of(lines)
+
+
+def test_what_is_told_goes_to_the_operator_with_the_next_tick() -> None:
+    endpoint = endpoint_of(mission())
+    endpoint.tick(10.0)
+    endpoint.tell(Say(Severity.WARNING, "peers' link flooded: 4120 lost unread"))
+    out = endpoint.tick(10.05)
+    assert (4, "peers' link flooded: 4120 lost unread") in statustexts(out.autopilot)
+    assert Say(Severity.WARNING, "peers' link flooded: 4120 lost unread") in out.said
+    assert statustexts(endpoint.tick(10.1).autopilot) == []
