@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import random
 import select
 import socket
 import time
@@ -10,6 +11,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
+
+import numpy as np
 
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
@@ -20,12 +23,15 @@ from companion.records.frames import RECORD_ID, VECTOR_ID
 from companion.sensors.table import SENSORS
 from companion.shell.links import UdpLink
 from companion.shell.urls import Scheme, Url
+from tests.bench.flood_datagrams import FLOODS, frames_of
 from tests.bench.table import Row
 from tests.fuzz.companion import Episode
 from tests.fuzz.flights import Heard, heard_in
 from tests.fuzz.mutations import DATAGRAM_MAX, frame_of
 
 COST_MS = 10.0
+DRAWN = 500  # datagrams of each kind
+SEED = 25
 TRIES = 5  # of a datagram's cost, of which the least counts: another program's work is none of its
 
 
@@ -113,7 +119,7 @@ def costs(size: int) -> list[Cost]:
         ("autopilot", other_datagrams(sorted(dialect.mavlink_map), 1, size)),
         ("sensor", other_datagrams(drivers, 196, size)),
     ):
-        episode = flown(heard)
+        episode = flown("stand", heard)
         now_s = heard[-1].now_s
         for name, data in datagrams:
             read: Callable[[bytes, float], None] = getattr(episode, f"from_{link}")
@@ -126,9 +132,9 @@ def costs(size: int) -> list[Cost]:
     return sorted(found, key=lambda cost: -cost.read_ms)
 
 
-def flown(heard: Sequence[Heard]) -> Endpoint:
+def flown(flight: str, heard: Sequence[Heard]) -> Endpoint:
     """A companion that has heard this, with the collector as a companion has it."""
-    one = Episode("stand").endpoint
+    one = Episode(flight).endpoint
     for now in heard:
         one.from_peers(now.peers, now.now_s)
         one.from_sensor(now.sensor, now.now_s)
@@ -178,3 +184,29 @@ def cost_rows() -> Iterator[Row]:
             f"{worst.read_ms:.2f} ms, its tick {worst.tick_ms:.2f} ms ({worst.name})",
             max(worst.read_ms, worst.tick_ms) <= COST_MS,
         )
+
+
+def drawn_rows() -> Iterator[Row]:
+    """CPU time of drawn datagrams of each flood, those that are read."""
+    for (link, signed), floods in FLOODS.items():
+        flight = "signed" if signed else "stand"
+        heard = heard_in(flight)[:700]
+        genuine = frames_of([getattr(now, link) for now in heard[-100:]])
+        for what, draw in floods.items():
+            episode, rng, now_s = flown(flight, heard), random.Random(f"{SEED} {link} {what}"), heard[-1].now_s
+            read: Callable[[bytes, float], None] = getattr(episode, f"from_{link}")
+            drawn = [draw(rng, genuine) for _ in range(DRAWN)]
+            if len(drawn[0]) > DATAGRAM_MAX_BYTES:
+                continue  # dropped unread
+            each = np.full(DRAWN, np.inf)
+            for _ in range(TRIES):
+                now_s += 0.05
+                each = np.minimum(each, [cpu_ms(lambda: read(data, now_s)) for data in drawn])  # noqa: B023
+                episode.tick(now_s)
+            p50, p99, most = (float(np.percentile(each, q)) for q in (50, 99, 100))
+            yield Row(
+                f"- {DRAWN} drawn, {'signed' if signed else 'unsigned'}, {link}: {what}",
+                f"<= {COST_MS:g} ms CPU",
+                f"median {p50:.3f} ms, p99 {p99:.3f}, most {most:.3f}",
+                most <= COST_MS,
+            )
