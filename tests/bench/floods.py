@@ -78,12 +78,6 @@ while (now := time.monotonic() - began) < for_s:
     time.sleep(0.001)
 print(sent - lost)
 """
-# `companion` with one key more on its command line.
-KEYED = """
-import runpy, sys
-sys.argv = ["companion", *(a for a in sys.argv[2:] if a != "--unsigned"), "--key", sys.argv[1]]
-runpy.run_module("companion", run_name="__main__")
-"""
 
 
 def mission() -> Mission:
@@ -158,7 +152,6 @@ class Swarm:
         self._order_s = 0.0
         self._due_s = time.monotonic()
         sensor = link_name(self._mission)
-        keyed = [(sys.executable, "-P", "-c", KEYED, str(folder / "keys" / file_name(k))) for k in (1, 2)]
         self.children = [
             start_companion(
                 k,
@@ -168,7 +161,7 @@ class Swarm:
                 radio_port=self._radio.getsockname()[1],
                 sensor_ports={sensor: self._drivers.getsockname()[1]},
                 clock="monotonic",
-                program=keyed[k - 1] if signed else PROGRAM,
+                key_file=folder / "keys" / file_name(k) if signed else None,
             )
             for k in self._world.vehicles
         ]
