@@ -21,7 +21,6 @@ Frame = tuple[float, float, float]  # turned clockwise, rad, then moved north an
 
 NOTE_S: Final = 1.0
 WINDOW_S: Final = 100
-SETTLE_S: Final = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +41,7 @@ class _Note:
     way_ne_m: Level
     frame: Frame
     frame_rad2: float
+    fix_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,17 +71,24 @@ class FixMonitor:
         self._notes.clear()
 
     def update(
-        self, fix_ne_m: Level, way_ne_m: Level, now_s: float, *, frame: Frame = STILL, frame_rad2: float = 0.0
+        self,
+        fix_ne_m: Level,
+        way_ne_m: Level,
+        now_s: float,
+        *,
+        frame: Frame = STILL,
+        frame_rad2: float = 0.0,
+        fix_m: float = 0.0,
     ) -> Parted | None:
         """Both positions now, m; None: they agree, as far as is known.
 
         `frame`: how the other frame has been turned and moved by now; `frame_rad2`: variance of how far it is turned
-        from that of fixes.
+        from that of fixes; `fix_m`: standard deviation of this fix on an axis, where that is more than usual.
         """
         notes = self._notes
         if notes and now_s - notes[-1].at_s < NOTE_S - 1e-6:
             return None
-        now = _Note(now_s, fix_ne_m, way_ne_m, frame, frame_rad2)
+        now = _Note(now_s, fix_ne_m, way_ne_m, frame, frame_rad2, max(fix_m, self._noise.fix_m))
         worst, parted = self._noise.alarm, None
         for note in notes:
             score, led = _compare(note, now, self._noise)
@@ -101,7 +108,9 @@ def _compare(then: _Note, now: _Note, noise: Noise) -> tuple[float, Level]:
     off_n, off_e = now.fix_ne_m[0] - led[0], now.fix_ne_m[1] - led[1]
     went_n, went_e = led[0] - then.fix_ne_m[0], led[1] - then.fix_ne_m[1]
     went_m, since_s = math.hypot(went_n, went_e), now.at_s - then.at_s
-    var = 2.0 * noise.fix_m**2 * (1.0 - math.exp(-since_s / noise.fix_memory_s)) + noise.walk_m2_per_s * since_s
+    var = (then.fix_m**2 + now.fix_m**2) * (
+        1.0 - math.exp(-since_s / noise.fix_memory_s)
+    ) + noise.walk_m2_per_s * since_s
     if went_m < 1e-3:
         return (off_n * off_n + off_e * off_e) / max(var, 1e-9), led
     along = (off_n * went_n + off_e * went_e) / went_m
