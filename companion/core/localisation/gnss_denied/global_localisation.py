@@ -39,7 +39,7 @@ BETTER_MAX_S: Final = 160.0
 SDS: Final = 2.0  # of what may be
 BELIEVED: Final = Errors()  # of odometry
 # Of fixes, whose size the receiver tells, against odometry that they correct: a fifth of its errors is left
-AGAINST_FIXES: Final = Noise(fix_m=0.5, fix_memory_s=MEMORY_S, walk_m2_per_s=0.004, share=0.005, alarm=20.0)
+AGAINST_FIXES: Final = Noise(fix_m=0.5, fix_memory_s=MEMORY_S, walk_m2_per_s=0.004, share=0.005, alarm=24.0)
 FRAME_RAD2: Final = math.radians(0.6) ** 2
 ASTRAY_SD_M: Final = 1.5  # of a place from which a fix was led astray
 
