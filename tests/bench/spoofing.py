@@ -38,7 +38,7 @@ SALT = 0x5B00F
 RATES_MPS = (0.05, 0.5)
 RANGES_M = {SensorClass.SECTORS: 8.0, SensorClass.MULTI_LAYER: 20.0}
 KINDS = ("gnss-drift", "gnss-drift", "gnss-drift", "position-drift", "position-jump", "position-freeze", "height-error")
-SAID = re.compile(r"vehicle (\d+): (?:GNSS led astray|hold: position (?:jumped|frozen))")
+SAID = re.compile(r"vehicle (\d+): (?:position doubted|hold: position (?:jumped|frozen))")
 
 
 def draw_drift(rng: np.random.Generator) -> tuple[float, float]:

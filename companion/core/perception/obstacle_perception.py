@@ -77,7 +77,7 @@ class ObstaclePerception(ABC):
         return own
 
     def read_way(self, reported: Position, now_s: float) -> SeenWay | None:  # noqa: ARG002
-        """Where trunks have the vehicle that is reported there; None: nothing seen tells it now."""
+        """The position that trunks give the vehicle that is reported there; None: nothing seen tells it now."""
         return None
 
     @abstractmethod

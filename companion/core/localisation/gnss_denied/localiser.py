@@ -27,7 +27,7 @@ from mission.common.frames import Vec3
 from mission.document.model import Mission
 
 REPORTS_MAX: Final = 8  # of one sender, that wait for their beacons: as many may come in one tick
-ASTRAY: Final = "GNSS led astray: dropped"
+ASTRAY: Final = "position doubted: GNSS led astray"
 LOST: Final = "relative localisation not initialised"
 ANCHOR_MPS: Final = 0.5  # a leader goes over to what GNSS says this fast: no setpoint jumps, 10 m take 20 s
 

@@ -25,7 +25,7 @@ WINDOW_S: Final = 100
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """How far the errors of both ways part them."""
+    """Sizes of the errors that part both ways, and the alarm's threshold."""
 
     fix_m: float  # of a fix, on an axis
     fix_memory_s: float  # of that

@@ -42,7 +42,7 @@ class _Astray:
     vel_off_ned_mps: Vec3  # of the velocity: as the drift, or none
 
     def correct(self, told: Position, now_s: float) -> Position:
-        """What is reported, without the drift as it was found."""
+        """The reported position and velocity without the drift as it was found."""
         since_s = now_s - self.found_s
         off = (self.off_ne_m[0] + self.drift_ne_mps[0] * since_s, self.off_ne_m[1] + self.drift_ne_mps[1] * since_s)
         pos = told.pos_ned_m

@@ -23,6 +23,7 @@ ACCELERATION_MPS2: Final = 6.0  # of a vehicle between two readings, at most
 BACK_M: Final = 1.0  # nearer to where it is reported than that, a position has come back
 MOVES_MPS: Final = 0.3  # a vehicle that moves slower may seem to stand
 COMMANDED_MPS: Final = 0.5
+FROZEN_SHARE: Final = 0.25  # of the way since a position froze: a velocity may be wrong by as much
 AHEAD_S: Final = 1.0  # of a frozen position's error, which is said
 
 
@@ -67,13 +68,13 @@ class PositionGate:
             self._frozen_since_s = None
             return told
         if 0.0 < since_s <= GAP_S:
-            self._follow(before, told, since_s, now_s, trusts_jump=trusts_jump)
+            self._judge_step(before, told, since_s, now_s, trusts_jump=trusts_jump)
         elif since_s != 0.0:
             self._frozen_since_s, self._reckoned_ned_m = None, ZERO
         off = self.believed_less_reported_ned_m
         return told if off == ZERO else Position(add(told.pos_ned_m, off), told.vel_ned_mps, told.boot_s)
 
-    def _follow(self, before: Position, told: Position, since_s: float, now_s: float, *, trusts_jump: bool) -> None:
+    def _judge_step(self, before: Position, told: Position, since_s: float, now_s: float, *, trusts_jump: bool) -> None:
         vel = told.vel_ned_mps
         way = _half_sum(before.vel_ned_mps, vel, since_s)
         if told.pos_ned_m == before.pos_ned_m:
@@ -99,10 +100,6 @@ class PositionGate:
         """For how long its position has been repeated though it moves; 0: it is not."""
         return 0.0 if self._frozen_since_s is None else now_s - self._frozen_since_s
 
-    def since_jump_s(self, now_s: float) -> float:
-        """Since the last jump."""
-        return now_s - self.jumped_s
-
     @property
     def is_off(self) -> bool:
         """A jump was taken off, and the position has not come back."""
@@ -115,9 +112,6 @@ class PositionGate:
             vel = self._last.vel_ned_mps
             error_m += (self.frozen_s(now_s) + AHEAD_S) * FROZEN_SHARE * math.hypot(vel[0], vel[1])
         return error_m
-
-
-FROZEN_SHARE: Final = 0.25  # of the way since a position froze: a velocity may be wrong by as much
 
 
 def _half_sum(before_mps: Vec3, after_mps: Vec3, since_s: float) -> Vec3:
