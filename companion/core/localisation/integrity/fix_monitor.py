@@ -54,9 +54,6 @@ class Parted:
     turned_rad: float  # the other frame since then
 
 
-STILL: Final[Frame] = (0.0, 0.0, 0.0)
-
-
 @final
 class FixMonitor:
     """One vehicle's."""
@@ -77,7 +74,7 @@ class FixMonitor:
         way_ne_m: Level,
         now_s: float,
         *,
-        frame: Frame = STILL,
+        frame: Frame = (0.0, 0.0, 0.0),
         frame_rad2: float = 0.0,
         fix_m: float = 0.0,
         walk_m2_per_s: float = 0.0,
