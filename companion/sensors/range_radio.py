@@ -77,7 +77,7 @@ class RangeRadio(SensorSource):
         return delay.late_s if delay.late_s > PUNCTUAL_S else 0.0
 
     def counters(self) -> dict[str, int]:
-        """Those whose time does not go on from the one before."""
+        """Frames whose time does not go on from the one before."""
         return {"range frames out of their time": self._untimely}
 
     @classmethod
