@@ -214,8 +214,8 @@ class Endpoint:
             self._versions_told.add(sender)
             self._to_say.append(_other_version(sender, version))
 
-    def tell(self, say: Say) -> None:
-        """What is around this companion has something to say to the operator: with the next tick."""
+    def report_surroundings(self, say: Say) -> None:
+        """A word for the operator of what is around this companion, its links: told with the next tick."""
         self._to_say.append(say)
 
     def _decoder_table(self) -> dict[int, Callable[[Any], Event | None]]:

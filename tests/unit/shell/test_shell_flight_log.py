@@ -336,7 +336,7 @@ def test_a_flood_is_told_to_the_operator_with_the_beacons_that_are_lost(
 def test_what_is_told_goes_to_the_operator_with_the_next_tick() -> None:
     endpoint = endpoint_of(mission())
     endpoint.tick(10.0)
-    endpoint.tell(Say(Severity.WARNING, "peers' link flooded: 4120 lost unread"))
+    endpoint.report_surroundings(Say(Severity.WARNING, "peers' link flooded: 4120 lost unread"))
     out = endpoint.tick(10.05)
     assert (4, "peers' link flooded: 4120 lost unread") in statustexts(out.autopilot)
     assert Say(Severity.WARNING, "peers' link flooded: 4120 lost unread") in out.said
