@@ -50,7 +50,7 @@ class VelocityWay:
     def _learn(self, told: Position, now_s: float) -> None:
         left = (told.pos_ned_m[0] - self.ne_m[0], told.pos_ned_m[1] - self.ne_m[1])
         since_s, before = now_s - self._span_s, self._span_left_m
-        if 0.0 <= self._span_s and since_s < SPAN_S:
+        if self._span_s >= 0.0 and since_s < SPAN_S:
             return
         if self._span_s >= 0.0:
             north, east = left[0] - before[0], left[1] - before[1]
