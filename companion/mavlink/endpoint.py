@@ -214,6 +214,10 @@ class Endpoint:
             self._versions_told.add(sender)
             self._to_say.append(_other_version(sender, version))
 
+    def tell(self, say: Say) -> None:
+        """What is around this companion has something to say to the operator: with the next tick."""
+        self._to_say.append(say)
+
     def _decoder_table(self) -> dict[int, Callable[[Any], Event | None]]:
         """The own autopilot's messages by id -> what makes an event of the core of each."""
         return {

@@ -22,6 +22,7 @@ from sim_bridge.judge.progress import Progress
 from tests.bench import (
     bad_radio,
     encounters,
+    floods,
     hashes,
     insiders,
     layers,
@@ -63,6 +64,7 @@ PROGRAMS = {
     "hashes": hashes.main,
     "insiders": insiders.main,
     "layers": layers.main,
+    "floods": floods.main,
     "lost-fixes": lost_fixes.main,
     "orders": orders.main,
     "own-motion": own_motion.main,
@@ -324,6 +326,7 @@ ABOUT = {
     "planted-defects": "after how many flights sim-bridge search finds a defect that is put into a copy",
     "encounters": "two vehicles that do not hear each other meet: how near they come: see encounters --help",
     "orders": "orders of the operator's key, forged, replayed, in floods, and how fast one spreads: see orders --help",
+    "floods": "datagrams of 64 KiB, and 10,000 a second on each link: CPU, gaps between setpoints, beacons lost",
     "lost-fixes": "vehicles that lose their GNSS fix among trees, sent ODOMETRY or not: see lost-fixes --help",
     "insiders": "one member whose beacons lie, and what comes of it for the others: see insiders --help",
     "own-motion": "errors of velocity, heading and place by scans beside the reported ones: see own-motion --help",
