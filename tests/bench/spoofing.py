@@ -2,7 +2,8 @@
 
 Whole flights on JSBSim: who is struck, by what, when, which way and how fast, how many fly, the stand's density, the
 sensor and the wind are drawn; each is flown again without the fault, for false alarms. With `--open-loop` one vehicle
-flies its course alone (see `fix_traces`), which is cheap: error when noticed, and false alarms.
+flies its course alone (see `fix_traces`), which is cheap: error when noticed, and false alarms; with `--velocities`
+one whose position leaves its velocity under the open sky (see `velocity_errors`).
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from sim_bridge.world.world import DEFAULT_ORIGIN
 from tests.bench.fix_traces import HOVERS_S, Led, trace
 from tests.bench.own_motion import LENGTH_S, SENSORS
 from tests.bench.table import spread
+from tests.bench.velocity_errors import report_velocities
 from tests.flights import point_masses
 
 EXAMPLE = Path(mission.__file__).parent / "examples" / "natural_stand.toml"
@@ -212,7 +214,11 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--clean", action="store_true", help="each without its fault, too")
     parser.add_argument("--point-mass", action="store_true", help="without JSBSim")
     parser.add_argument("--open-loop", type=int, default=0, metavar="N", help="N runs of a vehicle alone instead")
+    parser.add_argument("--velocities", type=int, default=0, metavar="N", help="N runs against the own velocity instead")
     args = parser.parse_args(argv)
+    if args.velocities:
+        report_velocities(args.velocities, args.first_seed)
+        return 0
     if args.open_loop:
         report_open_loop(args.open_loop, args.first_seed)
         return 0

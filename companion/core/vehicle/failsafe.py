@@ -149,13 +149,20 @@ class Readings(NamedTuple):
     frozen_s: float = 0.0  # INTEGRITY: the position has been repeated while the vehicle moves
     since_jump_s: float = math.inf  # since the position jumped last
     is_off: bool = False  # it has not come back since
-    is_astray: bool = False  # the fix left the way that trunks tell
+    is_astray: bool = False  # the fix left the way that trunks tell, or the own velocity
+    is_off_velocity: bool = False  # it is the own velocity's
     unseen_s: float = 0.0  # then: for how long trunks have not told the own motion
 
 
 def there(found: bool) -> float:
     """Of a row whose reading has no time of its own: it counts at once."""
     return math.inf if found else 0.0
+
+
+def _name_doubt(r: Readings) -> str:
+    if r.is_off_velocity:
+        return "off its velocity"
+    return "GNSS led astray" if r.is_astray else "jump taken off"
 
 
 class Clear(Enum):
@@ -521,13 +528,13 @@ ROWS: tuple[Row, ...] = (
     Row(
         Cause.GNSS_ASTRAY,
         Source.INTEGRITY,
-        "its fix has left the way that trunks tell, and for {delay_s} s no trunks tell its motion: it goes by the "
-        "drift that was found",
+        "its fix has left the way that trunks, or its own velocity, tell, and for {delay_s} s no trunks tell its motion: "
+        "it goes by the drift that was found, or that velocity",
         lambda r: r.unseen_s,
         Response.HOLD,
         Clear.GONE,
         Severity.CRITICAL,
-        "hold: GNSS led astray, no trunk seen",
+        "hold: position astray, no trunk seen",
         until="trunks tell its motion again",
         delay_s=1.0,
         resigns=True,
@@ -629,15 +636,15 @@ ROWS: tuple[Row, ...] = (
     Row(
         Cause.POSITION_DOUBTED,
         Source.INTEGRITY,
-        "its fix has left the way that trunks tell: it flies by these for the rest of the flight; or a jump was taken "
-        "off its position, which has not come back",
+        "its fix has left the way that trunks, or its own velocity, tell: it flies by these for the rest of the flight; "
+        "or a jump was taken off its position, which has not come back",
         lambda r: there(r.is_astray or r.is_off),
         Response.RESIGN,
         Clear.GONE,
         Severity.CRITICAL,
         "position doubted: {}",
         until="it has landed, or its position is back where it was; meanwhile its beacons say how far it may be off",
-        detail=lambda r: "GNSS led astray" if r.is_astray else "jump taken off",
+        detail=_name_doubt,
         resigns=True,
     ),
     Row(

@@ -1,4 +1,4 @@
-"""GNSS fixes held against the own way as something else tells it: trunks in sight, or odometry.
+"""GNSS fixes held against the own way as something else tells it: trunks in sight, odometry, or the own velocity.
 
 A receiver that is led astray slowly passes every gate of an estimator. The way that it tells departs from the way that
 trunks tell. Once a second both are noted; each note is a hypothesis, that the fix began to leave there, and the test is
@@ -42,6 +42,7 @@ class _Note:
     frame: Frame
     frame_rad2: float
     fix_m: float
+    walk_m2_per_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +52,6 @@ class Parted:
     since_s: float
     fix_ne_m: Level  # that the own way has led to by now, from the fix at that time
     turned_rad: float  # the other frame since then
-
-
-STILL: Final[Frame] = (0.0, 0.0, 0.0)
 
 
 @final
@@ -76,22 +74,26 @@ class FixMonitor:
         way_ne_m: Level,
         now_s: float,
         *,
-        frame: Frame = STILL,
+        frame: Frame = (0.0, 0.0, 0.0),
         frame_rad2: float = 0.0,
         fix_m: float = 0.0,
+        walk_m2_per_s: float = 0.0,
     ) -> Parted | None:
         """Both positions now, m; None: they agree, as far as is known.
 
         `frame`: how the other frame has been turned and moved by now; `frame_rad2`: variance of how far it is turned
-        from that of fixes; `fix_m`: standard deviation of this fix on an axis, where that is more than usual.
+        from that of fixes; `fix_m`: standard deviation of this fix on an axis, and `walk_m2_per_s`: the other way's
+        drift as it is known by now, where they are more than usual.
         """
         notes = self._notes
         if notes and now_s - notes[-1].at_s < NOTE_S - 1e-6:
             return None
-        now = _Note(now_s, fix_ne_m, way_ne_m, frame, frame_rad2, max(fix_m, self._noise.fix_m))
-        worst, parted = self._noise.alarm, None
+        noise = self._noise
+        walk = max(walk_m2_per_s, noise.walk_m2_per_s)
+        now = _Note(now_s, fix_ne_m, way_ne_m, frame, frame_rad2, max(fix_m, noise.fix_m), walk)
+        worst, parted = noise.alarm, None
         for note in notes:
-            score, led = _compare(note, now, self._noise)
+            score, led = _compare(note, now, noise)
             if score > worst:
                 worst, parted = score, Parted(note.at_s, led, frame[0] - note.frame[0])
         notes.append(now)
@@ -110,7 +112,7 @@ def _compare(then: _Note, now: _Note, noise: Noise) -> tuple[float, Level]:
     went_m, since_s = math.hypot(went_n, went_e), now.at_s - then.at_s
     var = (then.fix_m**2 + now.fix_m**2) * (
         1.0 - math.exp(-since_s / noise.fix_memory_s)
-    ) + noise.walk_m2_per_s * since_s
+    ) + then.walk_m2_per_s * since_s
     if went_m < 1e-3:
         return (off_n * off_n + off_e * off_e) / max(var, 1e-9), led
     along = (off_n * went_n + off_e * went_e) / went_m

@@ -62,7 +62,7 @@ class PositionGate:
         """A position as reported; the one to fly by. `trusts_jump`: it comes back to a fix that it had lost."""
         before, heard_s = self._last, now_s - self._read_s
         self._last, self._read_s = told, now_s
-        since_s = 0.0 if before is None else _since_s(before, told, heard_s)
+        since_s = 0.0 if before is None else find_since_s(before, told, heard_s)
         if before is None or not airborne:
             self.off_ned_m = self._reckoned_ned_m = ZERO
             self._frozen_since_s = None
@@ -76,7 +76,7 @@ class PositionGate:
 
     def _judge_step(self, before: Position, told: Position, since_s: float, now_s: float, *, trusts_jump: bool) -> None:
         vel = told.vel_ned_mps
-        way = _half_sum(before.vel_ned_mps, vel, since_s)
+        way = integrate_step(before.vel_ned_mps, vel, since_s)
         if told.pos_ned_m == before.pos_ned_m:
             if norm(vel) > MOVES_MPS or norm(self.commanded_ned_mps) > COMMANDED_MPS:
                 if self._frozen_since_s is None:
@@ -114,7 +114,8 @@ class PositionGate:
         return error_m
 
 
-def _half_sum(before_mps: Vec3, after_mps: Vec3, since_s: float) -> Vec3:
+def integrate_step(before_mps: Vec3, after_mps: Vec3, since_s: float) -> Vec3:
+    """The way between two readings by their velocities, m."""
     half_s = 0.5 * since_s
     return (
         half_s * (before_mps[0] + after_mps[0]),
@@ -123,7 +124,7 @@ def _half_sum(before_mps: Vec3, after_mps: Vec3, since_s: float) -> Vec3:
     )
 
 
-def _since_s(before: Position, told: Position, heard_s: float) -> float:
+def find_since_s(before: Position, told: Position, heard_s: float) -> float:
     """Between two readings, by the autopilot's own time where it tells it; < 0: it began anew."""
     if before.boot_s is not None and told.boot_s is not None:
         return told.boot_s - before.boot_s
