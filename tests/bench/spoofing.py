@@ -214,7 +214,9 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--clean", action="store_true", help="each without its fault, too")
     parser.add_argument("--point-mass", action="store_true", help="without JSBSim")
     parser.add_argument("--open-loop", type=int, default=0, metavar="N", help="N runs of a vehicle alone instead")
-    parser.add_argument("--velocities", type=int, default=0, metavar="N", help="N runs against the own velocity instead")
+    parser.add_argument(
+        "--velocities", type=int, default=0, metavar="N", help="N runs against the own velocity instead"
+    )
     args = parser.parse_args(argv)
     if args.velocities:
         report_velocities(args.velocities, args.first_seed)
