@@ -11,13 +11,14 @@ DEV_READY := $(VENV)/.ready-dev
 MISSION ?= mission/examples/lone_tree.toml
 FLY ?=
 
-.PHONY: help install pure fly test fuzz coverage check bench referees other-simulators conformance table1 bundle board-test docs dialect page page-check lock clean
+.PHONY: help install pure fly test fuzz taken-out coverage check bench referees other-simulators conformance table1 bundle board-test docs dialect page page-check lock clean
 
 help:
 	@echo "make fly      set everything up, fly 8 vehicles to a tree     (MISSION=... FLY='-n 4 --seed 2')"
 	@echo "make test     set everything up, run all tests on all cores"
 	@echo "make fuzz     forged frames, files and flights, then the property tests with many more examples, others each time"
 	@echo "              (EXECUTIONS=1000000 TIMES=20 SEED=...; one part alone: python -m tests.fuzz --help)"
+	@echo "make taken-out each defence of docs/reference/hazards.md taken out in a copy: does a test of it fail"
 	@echo "make coverage the tests of the core alone, and how many of its branches they see"
 	@echo "make check    lint, types, import contracts, unused code, lengths, words, generated files"
 	@echo "make conformance  our autopilots against recorded flights of PX4 and ArduCopter"
@@ -90,6 +91,9 @@ SEED ?= $(shell date +%s)
 fuzz: $(DEV_READY)
 	$(BIN)/python -m tests.fuzz --seed $(SEED) --executions $(EXECUTIONS)
 	FUZZ=$(TIMES) $(BIN)/python $(SIDE_BY_SIDE) tests/property
+
+taken-out: $(DEV_READY)
+	$(BIN)/python -m tests.mutants taken-out
 
 # The core, part by part, with its branches counted: where too few of them are seen, it fails. Of the
 # other tests nothing is counted: they fly whole swarms or start programs, and would take much longer.
