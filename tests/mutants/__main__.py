@@ -1,12 +1,12 @@
-"""`python -m tests.mutants taken-out`."""
+"""`python -m tests.mutants taken-out`, or `mutants`."""
 
 from __future__ import annotations
 
 import sys
 
-from tests.mutants import taken_out
+from tests.mutants import mutants, taken_out
 
-PROGRAMS = {"taken-out": taken_out.main}
+PROGRAMS = {"mutants": mutants.main, "taken-out": taken_out.main}
 
 if __name__ == "__main__":
     name = sys.argv[1] if len(sys.argv) > 1 else ""
