@@ -18,48 +18,43 @@ class Group:
 
 CORE: Final = "tests/unit/core"
 LINK: Final = "tests/unit/mavlink"
+PEERS: Final = "companion/mavlink/peers"
+TRANSCRIPTS: Final = "tests/scenario/test_tick_transcripts.py"
 GROUPS: Final = (
     Group(
         "safety filter, stopping",
         ("companion/core/safety/*.py",),
         (f"{CORE}/safety",),
         (
-            f"{CORE}/perception/test_vehicle_tracks.py",
-            f"{CORE}/test_agent.py",
-            "tests/property/test_core_safety_laws.py",
             "tests/property/test_core_trees.py",
+            TRANSCRIPTS,
+            "tests/property/test_core_safety_laws.py",
             "tests/scenario/test_safety_filter_flights.py",
-            "tests/scenario/test_tick_transcripts.py",
-            "tests/scenario/test_flights_beside_trunks.py",
         ),
     ),
     Group(
         "election, quorum",
         ("companion/core/swarm/election.py", "companion/core/swarm/roster.py", "companion/core/swarm/priorities.py"),
         (f"{CORE}/swarm", f"{CORE}/test_agent.py"),
-        (
-            "tests/scenario/test_tick_transcripts.py",
-            "tests/scenario/test_core_succession_laws.py",
-            "tests/scenario/test_core_election_laws.py",
-        ),
+        ("tests/scenario/test_core_succession_laws.py", TRANSCRIPTS),
     ),
     Group(
         "trust",
         ("companion/core/swarm/trust/*.py",),
         (f"{CORE}/swarm", f"{CORE}/test_agent.py"),
-        ("tests/scenario/test_insiders.py", "tests/scenario/test_tick_transcripts.py"),
+        (TRANSCRIPTS, "tests/scenario/test_insiders.py"),
     ),
     Group(
         "verifier of the radio",
-        ("companion/mavlink/peers/*.py",),
+        tuple(f"{PEERS}/{name}.py" for name in ("frame_mac", "guard", "manifest", "session", "stream")),
         (f"{LINK}/test_signing.py", f"{LINK}/test_signing_rotation.py", f"{LINK}/test_endpoint_peers.py"),
-        (f"{LINK}/test_endpoint_records.py", "tests/scenario/test_signed_flights.py"),
+        (f"{LINK}/test_endpoint_records.py", "tests/property/test_order_books.py"),
     ),
     Group(
         "orders",
         ("companion/mavlink/orders/*.py",),
         (f"{LINK}/test_order_book.py", f"{LINK}/test_orders.py", f"{LINK}/test_endpoint_orders.py"),
-        ("tests/property/test_order_books.py", "tests/unit/order", "tests/scenario/test_signed_orders.py"),
+        ("tests/property/test_order_books.py", "tests/unit/order"),
     ),
 )
 # Looks at objects' identity, which mutmut's calls by way of a dispatcher do not keep

@@ -19,7 +19,9 @@ import sys
 import tempfile
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,7 +31,6 @@ from tests.mutants.groups import GROUPS, LEFT_OUT, Group
 TABLE: Final = ROOT / "docs" / "mutants.toml"
 KILLED: Final = (1, 3, 37)  # exit codes as mutmut keeps them: a test failed
 TIMED_OUT: Final = (24, 36, 152, 255, -24, -9)
-SURVIVED: Final = (0, 5, 33, 34)  # or no test came by
 SLOW_LIMIT_S: Final = 400.0
 
 
@@ -83,10 +84,10 @@ class Mutants:
         with (copy.folder / "pyproject.toml").open("a", encoding="utf-8") as file:
             file.write("\n[tool.mutmut]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in config.items()))
 
-    def run(self, names: Sequence[str]) -> None:
-        """Make all, and try these, one at a time. CalledProcessError."""
+    def run(self, names: Sequence[str], jobs: int) -> None:
+        """Make all, and try these, so many at a time. CalledProcessError."""
         env = {key: value for key, value in self._copy.env.items() if key != "PYTHONPATH"}
-        command = [self._mutmut, "-m", "mutmut", "run", "--max-children", "1", *names]
+        command = [self._mutmut, "-m", "mutmut", "run", "--max-children", str(jobs), *names]
         subprocess.run(command, cwd=self._copy.folder, env=env, check=True, stdout=sys.stderr)
 
     def codes(self, group: Group) -> dict[str, int | None]:
@@ -132,22 +133,20 @@ def draw_names(group: Group, made: Sequence[str], each: int, seed: int) -> list[
     return sorted(random.Random(f"{seed} {group.name}").sample(sorted(made), min(each, len(made))))
 
 
-def tallies(mutants: Mutants, each: int, seed: int) -> Iterator[Tally]:
+def tallies(mutants: Mutants, each: int, seed: int, jobs: int) -> Iterator[Tally]:
     """Each group's, after all have been tried by the quick tests."""
-    mutants.run(["companion.core.safety.clearance*"])  # makes those of all files
+    mutants.run(["companion.core.safety.clearance*"], jobs)  # makes those of all files
     drawn = {group.name: draw_names(group, list(mutants.codes(group)), each, seed) for group in GROUPS}
-    mutants.run([name for names in drawn.values() for name in names])
+    mutants.run([name for names in drawn.values() for name in names], jobs)
     for group in GROUPS:
         codes = mutants.codes(group)
         names = drawn[group.name]
-        left = [name for name in names if codes[name] in SURVIVED]
-        odd = [name for name in names if codes[name] not in (*SURVIVED, *KILLED, *TIMED_OUT)]
-        left += odd  # it crashed in a way that mutmut does not know: the slow tests decide
-        survivors = []
-        for count, name in enumerate(left, start=1):
-            print(f"{group.name}: {count} of {len(left)} again, {len(survivors)} survive", file=sys.stderr, flush=True)
-            if not mutants.is_noticed(name, group.slow):
-                survivors.append(mutants.survivor(name))
+        # what crashed in a way that mutmut does not know is for the slow tests, too
+        left = [name for name in names if codes[name] not in (*KILLED, *TIMED_OUT)]
+        with ThreadPoolExecutor(jobs) as pool:
+            noticed = list(pool.map(partial(mutants.is_noticed, tests=group.slow), left))
+        survivors = [mutants.survivor(name) for name, is_noticed in zip(left, noticed, strict=True) if not is_noticed]
+        print(f"{group.name}: {len(survivors)} of {len(left)} survive the slow tests", file=sys.stderr, flush=True)
         quick = len(names) - len(left)
         yield Tally(group, len(codes), len(names), quick, len(left) - len(survivors), tuple(survivors))
 
@@ -163,14 +162,15 @@ def known_reasons(table: Mapping[str, Any]) -> dict[Survivor, str]:
 def main(argv: Sequence[str]) -> int:
     """Writes docs/mutants.toml; exit code 1 when a survivor has no reason yet."""
     parser = argparse.ArgumentParser(prog="python -m tests.mutants mutants", description=__doc__)
-    parser.add_argument("--each", type=int, default=200, metavar="N", help="mutants of each group (200)")
+    parser.add_argument("--each", type=int, default=120, metavar="N", help="mutants of each group (120)")
     parser.add_argument("--seed", type=int, default=25, metavar="S", help="of the sample (25)")
+    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="mutants at once (2)")
     parser.add_argument("--python", default=sys.executable, metavar="PATH", help="one that has mutmut (this one)")
     args = parser.parse_args(argv)
     reasons = known_reasons(tomllib.loads(TABLE.read_text(encoding="utf-8"))) if TABLE.exists() else {}
     python = os.path.abspath(args.python)
     with tempfile.TemporaryDirectory() as folder:
-        found = list(tallies(Mutants(Copy(Path(folder) / "tree"), python), args.each, args.seed))
+        found = list(tallies(Mutants(Copy(Path(folder) / "tree"), python), args.each, args.seed, args.jobs))
     text = f"# Written by `make mutants`; only the reasons are by hand.\n\neach = {args.each}\nseed = {args.seed}\n"
     text += "".join(tally.table() for tally in found)
     survivors = sorted(
