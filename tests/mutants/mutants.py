@@ -32,6 +32,7 @@ TABLE: Final = ROOT / "docs" / "mutants.toml"
 KILLED: Final = (1, 3, 37)  # exit codes as mutmut keeps them: a test failed
 TIMED_OUT: Final = (24, 36, 152, 255, -24, -9)
 SLOW_LIMIT_S: Final = 400.0
+CONTEXT: Final = 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,14 +119,29 @@ class Mutants:
         source = (self.made / file).read_text(encoding="utf-8")
         stem = mangled.rpartition("__mutmut_")[0]
         lines = {
-            node.name: ast.unparse(node).splitlines()[1:]
+            node.name: ast.unparse(node).replace(node.name, stem).splitlines()
             for node in ast.walk(ast.parse(source))
             if isinstance(node, ast.FunctionDef) and node.name in (mangled, f"{stem}__mutmut_orig")
         }
         changes = list(difflib.ndiff(lines[f"{stem}__mutmut_orig"], lines[mangled]))
         old, new = ([line[2:].strip() for line in changes if line.startswith(sign)] for sign in ("- ", "+ "))
         function = stem.removeprefix("x_").removeprefix("xǁ").replace("ǁ", ".")
-        return Survivor(file, function, " ".join(old), " ".join(new))
+        return Survivor(file, function, *cut_alike(" ".join(old), " ".join(new)))
+
+
+def cut_alike(old: str, new: str) -> tuple[str, str]:
+    """Both without what is the same before and behind, but for CONTEXT characters of it."""
+    ahead = _count_alike(old, new)
+    behind = _count_alike(old[ahead:][::-1], new[ahead:][::-1])
+    start, end = max(0, ahead - CONTEXT), max(0, behind - CONTEXT)
+    first, last = "..." if start else "", "..." if end else ""
+    return f"{first}{old[start : len(old) - end]}{last}", f"{first}{new[start : len(new) - end]}{last}"
+
+
+def _count_alike(one: str, other: str) -> int:
+    """Characters at their beginnings."""
+    pairs = zip(one, other, strict=False)
+    return next((count for count, (a, b) in enumerate(pairs) if a != b), min(len(one), len(other)))
 
 
 def draw_names(group: Group, made: Sequence[str], each: int, seed: int) -> list[str]:
