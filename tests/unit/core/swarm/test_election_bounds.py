@@ -5,11 +5,12 @@ from __future__ import annotations
 import pytest
 
 from companion.core.model.beacon import Candidate
-from companion.core.model.states import Role
-from companion.core.swarm.election import HOP_LIMIT, LEASE_PERIODS, SEQ_JUMP, Election
-from companion.core.swarm.roster import Roster, list_vehicles
+from companion.core.model.states import Reception, Role
+from companion.core.swarm.election import HEIR_STAYS_PERIODS, HOP_LIMIT, LEASE_PERIODS, SEQ_JUMP, Election
+from companion.core.swarm.priorities import score_of
+from companion.core.swarm.roster import Roster, ids, list_vehicles
 from tests.unit.core.core_election_kit import follower_of, leader_of_long_standing, said, step
-from tests.unit.core.core_kit import lease
+from tests.unit.core.core_kit import beacon, lease
 
 pytestmark = pytest.mark.sources
 
@@ -144,7 +145,43 @@ def test_quorum_is_told_with_the_own_lease_alone() -> None:
     assert HOP_LIMIT == 250
 
 
+def test_after_a_leader_is_lost_another_is_followed_and_handed_over_by_as_at_first() -> None:
+    election = follower_of(lease(1, 500, established=True))
+    step(election, LEASE_PERIODS, eligible=False)
+    assert election.receive_lease(lease(2, 300, established=True, heir=9, ends=302), 0)
+    step(election)
+    assert not election.acts
+    step(election)
+    assert election.acts
+
+
+def test_an_heir_that_is_gone_is_named_no_more() -> None:
+    election = leader_of_long_standing(score=9)
+    for _ in range(30):
+        step(election, score=9, heard=said(election.lease, candidate=Candidate(7, 0, 5)))
+    assert election.lease is not None
+    assert election.lease.heir == 7
+    step(election, HEIR_STAYS_PERIODS - 1, score=9)
+    assert election.lease.heir == 7
+    step(election, 2, score=9)
+    assert election.lease.heir == 0
+
+
+def test_a_score_is_a_whole_number_on_the_wire() -> None:
+    for percent, score in ((95, 9), (100, 10), (5, 0)):
+        found = score_of(percent, Reception.GOOD)
+        assert (found, type(found)) == (score, int)
+
+
 # --- the majority ---
+
+
+def test_branches_are_there_with_their_senders_and_the_first_vehicle_too() -> None:
+    roster = Roster(3, 6)
+    roster.collect_branches([beacon(1, present=0b010000, phase=2, done=0b000001)], done=False, phase=2)
+    assert (roster.present, roster.done) == (0b010101, 0b000001)
+    assert ids(0b010101) == [1, 3, 5]
+    assert ids(0) == []
 
 
 def test_a_roster_begins_with_its_own_vehicle_and_nothing_done() -> None:

@@ -15,10 +15,10 @@ from companion.core.swarm.election import Election
 from companion.core.swarm.phases import Phases
 from companion.core.swarm.picture import Picture
 from companion.core.swarm.priorities import Priorities
-from companion.core.swarm.trust.blocklist import BLOCKED_S, DOUBT_LIMIT, strip_beacon
+from companion.core.swarm.trust.blocklist import BLOCKED_S, DOUBT_LIMIT, Blocklist, strip_beacon
 from companion.core.swarm.trust.relay_watch import AGAIN_S, PATIENCE_S, Patience
 from companion.core.swarm.trust.trust import PERIODS_BESIDE, PHASE_LIE, PLAIN_LIE, RANGE_STEP_M, Trust
-from tests.unit.core.core_election_kit import follower_of
+from tests.unit.core.core_election_kit import follower_of, leader_of_long_standing
 from tests.unit.core.core_kit import BEACON, beacon, lease, mission, neighbour, picture
 
 pytestmark = pytest.mark.sources
@@ -230,6 +230,46 @@ def test_a_leader_that_covers_too_long_is_given_up_by_who_follows_it() -> None:
     assert news(follows=False)[0] == []
 
 
+def test_a_leader_that_leads_away_is_given_up_by_the_own_odometry() -> None:
+    phases, judge, election = Phases(MISSION), trust(), follower_of(OWN)
+    phases.adopt_phase(SwarmPhase.GATHER, 0.0)
+    judge.run_period(own_picture(0.0), election, phases, is_held=False)
+    phases.adopt_phase(SwarmPhase.TRANSIT, 1.0)
+    sets_out = picture(
+        now_s=1.0, own=Position(ZERO, ZERO, None), state=FlightState.TRANSIT, airborne=True, dest_ned_m=(80.0, 0.0, 0.0)
+    )
+    assert judge.run_period(sets_out, election, phases, is_held=False) == []
+    on_the_way = [
+        judge.run_period(own_picture(2.0, (40.0, 5.0, 0.0)), election, phases, is_held=False) for _ in range(30)
+    ]
+    assert on_the_way == [[]] * 30
+    found = [judge.run_period(own_picture(3.0, (40.0, 90.0, 0.0)), election, phases, is_held=False) for _ in range(21)]
+    assert found == [*[[]] * 20, [(LEADER, "leaves the way")]]
+    assert election.lease is None
+
+
+def test_a_leader_goes_by_two_of_its_followers() -> None:
+    phases = Phases(MISSION)
+    for phase in (SwarmPhase.GATHER, SwarmPhase.TRANSIT):
+        phases.adopt_phase(phase, 0.0)
+    own = lease(ME, 5, established=True)
+    leader = leader_of_long_standing(ME)
+    for others, believed in ((1, False), (2, True)):
+        judge = trust()
+        judge.gate.store(beacon(7, phase=SwarmPhase.TRANSIT, lease=own, hop=1), 1.0)
+        for k in range(others):
+            told = beacon(2 + k, phase=SwarmPhase.COVERAGE, lease=own, hop=1)
+            found = judge.believes_phase(told, leader, phases, 1.0, is_news=False)
+        assert found is believed
+
+
+def test_of_two_vehicles_none_doubts_the_other() -> None:
+    for size, has in ((2, False), (3, True)):
+        blocked = Blocklist(size)
+        blocked.note_doubt(2, "lies", DOUBT_LIMIT, 1.0)
+        assert blocked.has(2) is has
+
+
 def test_views_of_blocked_members_do_not_count() -> None:
     judge = trust()
     judge.blocklist.block(3, "lies")
@@ -259,14 +299,14 @@ def test_patience_with_one_that_holds_all_lasts_half_a_minute_and_the_swarm_goes
     patience, range_m = Patience(), 40.0
     holds = neighbour(3, (9.0, 0.0, 0.0), governor=0.0)
     others = [neighbour(2, (9.0, 5.0, 0.0), governor=0.3), neighbour(4, (39.0, 0.0, 0.0), governor=0.0)]
-    everyone = [*others, holds]
-    assert patience.filter_followers(everyone, 0.0, range_m=range_m) == everyone
-    assert patience.filter_followers(everyone, PATIENCE_S, range_m=range_m) == everyone
-    for at_s in (PATIENCE_S + 0.1, 2.0 * PATIENCE_S):
+    everyone, since_s = [*others, holds], 500.0
+    assert patience.filter_followers(everyone, since_s, range_m=range_m) == everyone
+    assert patience.filter_followers(everyone, since_s + PATIENCE_S, range_m=range_m) == everyone
+    for at_s in (since_s + PATIENCE_S + 0.1, since_s + 2.0 * PATIENCE_S):
         assert patience.filter_followers(everyone, at_s, range_m=range_m) == others
     # it lets go: for a minute from then on it does not count, whatever it says
     free = [*others, neighbour(3, (9.0, 0.0, 0.0), governor=1.0)]
-    last_s = 2.0 * PATIENCE_S
+    last_s = since_s + 2.0 * PATIENCE_S
     assert patience.filter_followers(free, last_s + AGAIN_S, range_m=range_m) == others
     assert patience.filter_followers(free, last_s + AGAIN_S + 0.1, range_m=range_m) == free
 
