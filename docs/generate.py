@@ -18,6 +18,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import flight_pages
 from hazard_pages import HazardsError, hazards_page
 from key_pages import mission_page, row, study_page
+from mutant_pages import mutants_page
 
 import companion.cli
 import mission.cli.main
@@ -130,6 +131,7 @@ def pages() -> dict[str, str]:
         "failsafe.md": flight_pages.failsafe_page,
         "flight-states.md": flight_pages.flight_states_page,
         "hazards.md": hazards_page,
+        "mutants.md": mutants_page,
     }
     return {name: "\n".join(maker()).rstrip() + "\n" for name, maker in makers.items()}
 
