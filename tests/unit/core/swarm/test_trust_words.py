@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from companion.core.guidance.formation import Route
-from companion.core.model.beacon import Candidate, PeerReport
+from companion.core.model.beacon import NO_ROUTE, Candidate, PeerReport
 from companion.core.model.events import Position
 from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.model.vectors import ZERO
@@ -34,15 +34,6 @@ OWN = lease(LEADER, 500, priority=2, established=True)
 
 def trust() -> Trust:
     return Trust(MISSION, ME, Priorities(MISSION))
-
-
-def doubts_until_blocked(judge: Trust, vehicle: int, weight: float) -> int:
-    """How many words of that weight were still wanting."""
-    for count in range(50):
-        if judge.blocklist.has(vehicle):
-            return count
-        judge.blocklist.note_doubt(vehicle, "more", weight, 1.0)
-    return -1
 
 
 def test_nothing_of_a_blocked_member_counts_but_where_it_is_and_what_its_flight_does() -> None:
@@ -99,16 +90,21 @@ def test_a_candidates_priority_is_the_missions(priority: int, *, stays: bool) ->
     assert (trust().sanitise_beacon(said, 1.0).candidate is not None) is stays
 
 
-def test_a_false_route_cost_weighs_three_lost_beacons() -> None:
-    judge = trust()
-    said = judge.sanitise_beacon(beacon(3, lease=OWN, route_cost=0.5), 1.0)
-    assert said.route_cost == 1.0
-    assert doubts_until_blocked(judge, 3, PLAIN_LIE) == 3
-    assert judge.blocklist.take_news() == [(3, "more")]
-    told = trust()
-    for _ in range(4):
-        told.sanitise_beacon(beacon(3, lease=OWN, route_cost=0.5), 1.0)
-    assert told.blocklist.take_news() == [(3, "route cost is false")]
+def test_a_false_route_cost_weighs_three_lost_beacons_and_costs_the_course_alone() -> None:
+    judge, told = trust(), beacon(3, lease=OWN, route_cost=0.5, ref_ned_mps=(1.0, 0.0, 0.0), dest_ned_m=(9.0, 0.0, 0.0))
+    found = [judge.sanitise_beacon(told, 1.0) for _ in range(5)]
+    assert PLAIN_LIE == 3.0
+    assert [said.route_cost for said in found] == [1.0, 1.0, 1.0, NO_ROUTE, NO_ROUTE]
+    assert (found[2].ref_ned_mps, found[2].dest_ned_m) == (told.ref_ned_mps, told.dest_ned_m)
+    assert (found[3].ref_ned_mps, found[3].dest_ned_m, found[3].lease) == (ZERO, None, OWN)
+    assert judge.run_period(own_picture(1.0), Election(ME, 0), Phases(MISSION), is_held=False) == [
+        (3, "route cost is false")
+    ]
+    leads = beacon(3, lease=lease(3, 9), route_cost=0.0)  # as a leader it has its say again
+    assert judge.sanitise_beacon(leads, 1.0) is leads
+    judge.run_period(own_picture(1.0 + BLOCKED_S + 0.1), Election(ME, 0), Phases(MISSION), is_held=False)
+    again = replace(told, route_cost=1.0)
+    assert judge.sanitise_beacon(again, 9.0) is again
 
 
 # --- leases ---
@@ -124,20 +120,15 @@ def test_a_lease_is_news_unless_its_leader_is_blocked_or_its_priority_false() ->
     assert not trust().receive_lease(beacon(3, lease=None), Election(ME, 0), 1.0)
 
 
-def test_one_that_leads_unasked_is_not_followed_and_doubted_by_one_lost_beacon_each_time() -> None:
-    judge, election = trust(), follower_of(OWN)
+def test_one_that_leads_unasked_is_not_followed_whoever_passes_it_on_and_named_once() -> None:
+    judge, election, phases = trust(), follower_of(OWN), Phases(MISSION)
     judge.receive_lease(beacon(4, lease=OWN, hop=1), election, 1.0)
     claim = beacon(4, lease=lease(4, 900, priority=1, established=True))
-    for count in range(1, int(DOUBT_LIMIT)):
+    for count in range(1, 9):
         assert not judge.receive_lease(claim, election, 1.0 + 0.1 * count)
-        assert not judge.blocklist.has(4)
-    relayed = beacon(5, lease=claim.lease, hop=2)
-    assert not judge.receive_lease(relayed, election, 2.0)  # whoever passes it on
-    assert not judge.receive_lease(claim, election, 2.1)
-    assert judge.blocklist.take_news() == [(4, "leads unasked")]
-    judge.blocklist.fade(2.1 + BLOCKED_S)
-    assert judge.blocklist.has(4)
-    judge.blocklist.fade(2.2 + BLOCKED_S)
+    assert not judge.receive_lease(beacon(5, lease=claim.lease, hop=2), election, 2.0)
+    assert judge.run_period(own_picture(2.0), election, phases, is_held=False) == [(4, "leads unasked")]
+    assert judge.run_period(own_picture(2.1), election, phases, is_held=False) == []
     assert not judge.blocklist.has(4)
     assert election.lease is not None
     assert election.lease.leader == LEADER
@@ -279,20 +270,27 @@ def test_views_of_blocked_members_do_not_count() -> None:
 
 def test_who_hands_down_a_false_course_is_doubted_by_a_lost_beacon_each_period() -> None:
     judge = trust()
-    leader = neighbour(LEADER, (9.0, 0.0, 0.0), route_cost=0.0, ref_ned_mps=(3.0, 0.0, 0.0))
-    liar = neighbour(3, (9.0, -5.0, 0.0), route_cost=1.0, ref_ned_mps=(3.0, 4.0, 0.0))
-    honest = neighbour(2, (9.0, 5.0, 0.0), route_cost=1.0, ref_ned_mps=(3.0, 1.0, 0.0))  # just as far off as one may be
+    leader = neighbour(LEADER, (9.0, 0.0, 0.0), route_cost=0.0, ref_ned_mps=(3.0, 0.0, 0.0), lease=OWN)
+    liar = neighbour(3, (9.0, -5.0, 0.0), route_cost=1.0, ref_ned_mps=(3.0, 4.0, 0.0), lease=OWN)
+    honest = neighbour(2, (9.0, 5.0, 0.0), route_cost=1.0, ref_ned_mps=(3.0, 1.0, 0.0), lease=OWN)  # just in bounds
     route = Route(2.0, 1, 9.0, (leader, honest, liar))
+
+    def news(now_s: float) -> list[tuple[int, str]]:
+        return judge.run_period(own_picture(now_s), Election(ME, 0), Phases(MISSION), is_held=False)
+
     for _ in range(int(DOUBT_LIMIT) + 2):
         judge.check_route(Route(2.0, 1, 9.0, (leader, honest)), [leader, honest], OWN, 1.0)
         judge.check_route(route, [leader, honest, liar], None, 1.0)
     for _ in range(int(DOUBT_LIMIT) - 1):
         judge.check_route(route, [leader, honest, liar], OWN, 1.0)
-    assert judge.blocklist.take_news() == []
+    told = beacon(3, lease=OWN, route_cost=1.0)
+    assert judge.sanitise_beacon(told, 1.0) is told
     judge.check_route(route, [leader, honest, liar], OWN, 5.0)
-    assert judge.blocklist.take_news() == [(3, "hands down a false course")]
-    judge.blocklist.fade(5.0 + BLOCKED_S)
-    assert judge.blocklist.has(3)
+    assert judge.sanitise_beacon(told, 5.0).route_cost == NO_ROUTE
+    assert news(5.0 + BLOCKED_S) == [(3, "hands down a false course")]
+    assert judge.sanitise_beacon(told, 5.0 + BLOCKED_S).route_cost == NO_ROUTE
+    assert news(5.1 + BLOCKED_S) == []
+    assert judge.sanitise_beacon(told, 5.1 + BLOCKED_S) is told
 
 
 def test_patience_with_one_that_holds_all_lasts_half_a_minute_and_the_swarm_goes_on_for_a_whole() -> None:
