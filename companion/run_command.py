@@ -15,12 +15,13 @@ from pathlib import Path
 
 from companion.keys.key_file import KeyFileError
 from companion.mavlink.endpoint import Endpoint
+from companion.mavlink.framing.frames import DATAGRAM_MAX_BYTES
 from companion.mavlink.harvest import RecordLink
 from companion.preflight.report import clearance
 from companion.sensors.table import SENSORS, sensors_of
 from companion.shell.flight_log import ChangeLogger, FlightLog, summary
-from companion.shell.links import Link, LinkError, open_link
-from companion.shell.radio_keys import RadioKeys, open_keys
+from companion.shell.links import RECV_BYTES, Link, LinkError, open_link
+from companion.shell.radio_keys import NoKeyError, RadioKeys, choose_key, open_keys
 from companion.shell.runner import Runner, Stop
 from companion.shell.service import Service
 from companion.shell.urls import Scheme, Url
@@ -108,14 +109,21 @@ def mission_of(arguments: argparse.Namespace) -> Mission:
 def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> int:
     """Open what the flight needs, fly, say why it ended."""
     by_vehicle = arguments.clock == "vehicle"
+    try:
+        key = choose_key(arguments.key, unsigned=arguments.unsigned, what="this vehicle", size=mission.swarm.size)
+    except NoKeyError as error:
+        raise RefusedError(EXIT_REFUSED, str(error)) from None
     urls: dict[str, Url] = arguments.sensors
     stop = opened.enter_context(Stop())
     log_fd = _log_fd(arguments.log, opened)
     log = FlightLog(log_fd)
-    autopilot = _open("--autopilot", arguments.autopilot, opened, may_be_absent=True)
-    peers = _open("--peers", arguments.peers, opened)
+    # A simulator in lockstep hands over what has gathered at once, and nobody else is on its links.
+    most = RECV_BYTES if by_vehicle else DATAGRAM_MAX_BYTES
+    autopilot = _open("--autopilot", arguments.autopilot, opened, most, may_be_absent=True)
+    peers = _open("--peers", arguments.peers, opened, most)
     sensors = {
-        name: _open(f"--sensor {name}", url, opened, may_be_absent=True, hears_all=True) for name, url in urls.items()
+        name: _open(f"--sensor {name}", url, opened, most, may_be_absent=True, hears_all=True)
+        for name, url in urls.items()
     }
     try:
         survey = survey_of(mission, arguments.id)
@@ -124,7 +132,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
             EXIT_ENVIRONMENT,
             f"the mission has [survey], which needs {error.name}: pip install 'understory-uav[survey]'",
         ) from None
-    radio = _radio_keys(arguments, mission, opened)
+    radio = _radio_keys(key, arguments, mission, opened)
     endpoint = Endpoint(
         mission,
         arguments.id,
@@ -138,7 +146,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     )
     cleared = clearance(arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time())
     endpoint.agent.ground(cleared.grounded)
-    endpoint.agent.waive(",".join(cleared.waived), cleared.unknown)
+    endpoint.agent.waive(",".join(cleared.waived), cleared.unknown, unsigned=key is None)
     changes = ChangeLogger(log, endpoint, autopilot, peers, sensors)
     service = Service(os.environ, os.getpid())
     opened.callback(service.close)
@@ -179,10 +187,10 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     return EXIT_DONE
 
 
-def _radio_keys(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> RadioKeys:
+def _radio_keys(key: str | None, arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> RadioKeys:
     try:
         return open_keys(
-            arguments.key,
+            key,
             arguments.mission,
             arguments.id,
             mission.swarm.size,
@@ -236,9 +244,12 @@ def _log_fd(path: str | None, opened: ExitStack) -> int:
     return fd
 
 
-def _open(option: str, url: Url, opened: ExitStack, *, may_be_absent: bool = False, hears_all: bool = False) -> Link:
+def _open(
+    option: str, url: Url, opened: ExitStack, most: int, *, may_be_absent: bool = False, hears_all: bool = False
+) -> Link:
+    """`most`: bytes of a datagram."""
     try:
-        link = open_link(url, may_be_absent=may_be_absent, hears_all=hears_all)
+        link = open_link(url, may_be_absent=may_be_absent, hears_all=hears_all, datagram_max_bytes=most)
     except LinkError as error:
         raise RefusedError(EXIT_ENVIRONMENT, f"{option} {error}") from None
     opened.callback(link.close)
