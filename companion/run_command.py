@@ -11,6 +11,7 @@ import time
 import traceback
 from contextlib import ExitStack
 from datetime import UTC, datetime
+from pathlib import Path
 
 from companion.keys.key_file import KeyFileError
 from companion.mavlink.endpoint import Endpoint
@@ -212,7 +213,8 @@ def _records(arguments: argparse.Namespace, mission: Mission, opened: ExitStack,
     from companion.shell.records import records_of, records_path  # SQLite, which other flights need not keep
 
     path = records_path(arguments.records, arguments.log, mission, arguments.id)
-    records = records_of(mission, arguments.id, path, opened, beside_loop=arguments.clock == "monotonic")
+    mission_file, beside_loop = Path(arguments.mission), arguments.clock == "monotonic"
+    records = records_of(mission, arguments.id, path, opened, mission_file=mission_file, beside_loop=beside_loop)
     log.line(None, f"records in {path}: {records.progress()}")
     return records
 

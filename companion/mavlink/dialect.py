@@ -6249,7 +6249,7 @@ class MAVLink(object):
         log_id                    : Drawn when the writer's log was begun. (type:uint32_t)
         log_number                : In that log: 1, 2, 3 and so on. (type:uint32_t)
         log_writer                : System id of the vehicle that made it. (type:uint8_t)
-        record_kind               : 1: a stem. 2: the area seen. 3: of another sensor. (type:uint8_t)
+        record_kind               : 1: stem. 2: area seen. 3: of another sensor. 4: stand in figures. (type:uint8_t)
         body_size                 : Of the body. [bytes] (type:uint8_t)
         record_body               : As its kind says, in CBOR (RFC 8949). (type:uint8_t)
 
@@ -6267,7 +6267,7 @@ class MAVLink(object):
         log_id                    : Drawn when the writer's log was begun. (type:uint32_t)
         log_number                : In that log: 1, 2, 3 and so on. (type:uint32_t)
         log_writer                : System id of the vehicle that made it. (type:uint8_t)
-        record_kind               : 1: a stem. 2: the area seen. 3: of another sensor. (type:uint8_t)
+        record_kind               : 1: stem. 2: area seen. 3: of another sensor. 4: stand in figures. (type:uint8_t)
         body_size                 : Of the body. [bytes] (type:uint8_t)
         record_body               : As its kind says, in CBOR (RFC 8949). (type:uint8_t)
 

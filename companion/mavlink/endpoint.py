@@ -16,7 +16,8 @@ from companion.core.agent import Agent
 from companion.core.model.actions import Action, Ask, Say, SendBeacon, SendOdometry, VelocitySetpoint
 from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import Answer, AutopilotMode, Event, LidarScan
-from companion.core.model.states import Severity
+from companion.core.model.stand import StandMeasured
+from companion.core.model.states import Role, Severity
 from companion.core.stages import FLIGHT_STAGES, StageFactory
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
@@ -316,6 +317,11 @@ class Endpoint:
                 self.records.append(kind, body, now_s)
         if survey is not None:
             self._to_say += survey.take_says()
+        if self.records is not None:
+            update = self.records.take_stand(leads=self.agent.swarm.election.role is Role.LEADER, now_s=now_s)
+            if update is not None:
+                self.agent.receive(StandMeasured(update.basal_area_pct), now_s)
+                self._to_say += [Say(Severity.INFO, f"stand: {update.text}")] if update.text else []
 
     def hello(self) -> bytes:
         """A HEARTBEAT to send before the first tick, so that the other end learns this companion's address."""

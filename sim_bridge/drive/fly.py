@@ -158,7 +158,7 @@ class Flight:
     def status(self, real_time_factor: float) -> Status:
         """A glance at the swarm."""
         status = self.observer.status(self.last, real_time_factor)
-        return status if self.harvest is None else replace(status, records=str(self.harvest.base.progress))
+        return status if self.harvest is None else replace(status, records=self.harvest.base.text)
 
     def intervene(self, fault: Mapping[str, Any]) -> None:
         """Let a fault begin with the next tick; `fault`: as in [[sim.faults]], without a time.
