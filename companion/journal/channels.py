@@ -40,7 +40,8 @@ class Channel(IntEnum):
     PEERS_OUT = 10
     RECORDS_OUT = 11
     SENSORS_OUT = 12
-    SENSORS_IN = 13  # the first of them
+    SURROUNDINGS_IN = 13
+    SENSORS_IN = 14  # the first of them
 
 
 TOPICS: Final = {
@@ -56,6 +57,7 @@ TOPICS: Final = {
     Channel.PEERS_OUT: "/out/peers",
     Channel.RECORDS_OUT: "/out/records",
     Channel.SENSORS_OUT: "/out/sensors",
+    Channel.SURROUNDINGS_IN: "/in/surroundings",
 }
 OUTPUTS: Final = {  # in the order in which they are sent
     Channel.PEERS_OUT: "peers",

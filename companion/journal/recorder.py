@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
+from companion.core.model.actions import Say
 from companion.journal.channels import VERSION, Channel, Json, Refusals, head, outputs, sensor_links, tick_text
 from companion.journal.journal import ChunkWriter, Journal
 from companion.journal.segments import SegmentFiles
@@ -150,6 +151,12 @@ class Recorder:
         """As Endpoint."""
         self.journal.put_datagram(Channel.PEERS_IN, data, now_s)
         self._endpoint.from_peers(data, now_s)
+
+    def report_surroundings(self, say: Say) -> None:
+        """As Endpoint. Recorded: its severity, and the text."""
+        data = bytes([say.severity]) + say.text.encode()
+        self.journal.put_datagram(Channel.SURROUNDINGS_IN, data, self._now_s)
+        self._endpoint.report_surroundings(say)
 
     def tick(self, now_s: float) -> Outbox:
         """As Endpoint."""

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from itertools import zip_longest
 from typing import Any
 
+from companion.core.model.actions import Say
+from companion.core.model.states import Severity
 from companion.journal.channels import OUTPUTS, Channel, Json, Refusals, outputs, sensor_links, tick_text
 from companion.journal.reading import Break, CutOff, Flight, Gap, Recorded, Start, read_flight
 from companion.journal.rebuild import RebuildError, rebuild_endpoint
@@ -154,6 +156,8 @@ class _Player:
                 endpoint.from_autopilot(one.data, one.now_s)
             elif one.channel == Channel.PEERS_IN:
                 endpoint.from_peers(one.data, one.now_s)
+            elif one.channel == Channel.SURROUNDINGS_IN:
+                endpoint.report_surroundings(Say(Severity(one.data[0]), one.data[1:].decode()))
             else:
                 endpoint.from_sensor(one.data, one.now_s, self._links[one.channel - Channel.SENSORS_IN])
         return endpoint.tick(recorded.body["time_s"])

@@ -14,7 +14,7 @@ from companion.core.model.actions import Say
 from companion.core.model.beacon import Beacon
 from companion.core.model.states import Severity
 from companion.mavlink.beacon import Decoded
-from companion.mavlink.harvest import RecordLink
+from companion.mavlink.harvest import RecordLink, StandUpdate
 from companion.mavlink.orders.book import Marks
 from companion.mavlink.peers.guard import Guard, without_word
 from companion.records.frames import is_record_frame
@@ -66,6 +66,16 @@ class RecordedGuard:
         self._tape: Final = tape
         self._seen: Counter[str] = Counter(guard.refused)
         self._codes: dict[str, int] = {}  # reasons, as they came
+
+    def passes(self, frame: bytes, now_s: float) -> bool:
+        """The guard's verdict, and why not."""
+        passed = self._guard.passes(frame, now_s)
+        self._tape.put_verdict(YES if passed else self._refusal())
+        return passed
+
+    def take_admitted(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> None:
+        """To the guard, which answers nothing."""
+        self._guard.take_admitted(frame, now_s, said, named=named)
 
     def admits(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> bool:
         """The guard's verdict, and why not."""
@@ -169,6 +179,14 @@ class RecordedLink:
         self._tape.put_list(["frames", *([message_id, payload] for message_id, payload in found)])
         return found
 
+    def take_stand(self, *, leads: bool, now_s: float) -> StandUpdate | None:
+        """Figures of the link's stand."""
+        update = self._link.take_stand(leads=leads, now_s=now_s)
+        self._tape.put_verdict(update is not None)
+        if update is not None:
+            self._tape.put_list(["stand", *update])
+        return update
+
     def lines(self) -> list[str]:
         """Lines of the link."""
         found = self._link.lines()
@@ -235,6 +253,13 @@ class PlayedGuard:
         self.refused: Counter[str] = Counter()
         self._tape: Final = tape
         self._reasons: list[str] = []
+
+    def passes(self, frame: bytes, now_s: float) -> bool:  # noqa: ARG002
+        """The verdict of then."""
+        return self._count_refusal(self._tape.next_verdict()) == YES
+
+    def take_admitted(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> None:
+        """Nothing is kept: what comes of it is on the tape."""
 
     def admits(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> bool:  # noqa: ARG002
         """The verdict of then."""
@@ -316,6 +341,13 @@ class PlayedLink:
     def frames(self, now_s: float, beacon_bytes: int) -> list[tuple[int, bytes]]:  # noqa: ARG002
         """Frames of then."""
         return [(message_id, payload) for message_id, payload in self._tape.next_list("frames")]
+
+    def take_stand(self, *, leads: bool, now_s: float) -> StandUpdate | None:  # noqa: ARG002
+        """Figures of then."""
+        if self._tape.next_verdict() == NO:
+            return None
+        kind, body, basal_area_pct, text = self._tape.next_list("stand")
+        return StandUpdate(kind, body, basal_area_pct, text)
 
     def lines(self) -> list[str]:
         """Lines of then."""

@@ -5,14 +5,11 @@ The thread does nothing but this: it sends nothing, and a loop that hangs leaves
 
 from __future__ import annotations
 
-import contextlib
 import queue
 import threading
 from collections.abc import Callable
 from typing import Final, Generic, TypeVar
 
-from companion.journal import journal
-from companion.journal.segments import SegmentFiles
 from companion.records.store import Batch, RecordStore, StoreError, Written
 
 JOIN_S: Final = 2.0  # at the end, for the last write
@@ -73,19 +70,3 @@ class ThreadedWriter(BesideLoop[Batch, Written | StoreError]):
                 return error
 
         super().__init__(write, "records")
-
-
-class ThreadedChunks(BesideLoop[journal.Batch, journal.Outcome]):
-    """A `ChunkWriter` of a black box."""
-
-    def __init__(self, files: SegmentFiles) -> None:
-        super().__init__(files.write, "black box")
-        self._files = files
-
-    def finish(self, batch: journal.Batch) -> None:
-        """The last batch, behind the one under way; a disk that hangs is not waited for."""
-        with contextlib.suppress(queue.Full):
-            self._pieces.put(batch, timeout=JOIN_S)
-        self.close()
-        if not self._thread.is_alive():
-            self._files.close()

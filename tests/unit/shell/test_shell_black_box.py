@@ -14,8 +14,8 @@ from companion.journal.recorder import files_of
 from companion.journal.replay import replay_flight
 from companion.journal.segments import SegmentFiles
 from companion.mavlink.endpoint import Endpoint
-from companion.shell.black_box import box_folder, open_black_box, read_mission_file
-from companion.shell.record_writer import ThreadedChunks
+from companion.shell.box.opening import box_folder, open_black_box, read_mission_file
+from companion.shell.box.threaded_chunks import ThreadedChunks
 from companion.shell.records import STATE
 from tests.unit.journal.journal_kit import MISSION, START, fly_ticks, recorder_of
 from tests.unit.mavlink.endpoint_kit import ME

@@ -9,7 +9,7 @@ from pathlib import Path
 from companion.journal.channels import Json
 from companion.journal.recorder import BlackBox, files_of
 from companion.journal.segments import DirectWriter
-from companion.shell.record_writer import ThreadedChunks
+from companion.shell.box.threaded_chunks import ThreadedChunks
 from companion.shell.records import STATE
 
 FOLDER_NAME = "black-box"
