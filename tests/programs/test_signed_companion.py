@@ -55,7 +55,7 @@ def flown_log(mission: Path, *options: str, meanwhile: Callable[[], None] = lamb
         lines: list[str] = []
         for line in process.stderr:
             lines.append(line)
-            if "GROUNDED" in line:
+            if "GROUNDED" in line or "cleared to arm" in line:
                 break
         meanwhile()
         process.terminate()
