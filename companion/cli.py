@@ -165,6 +165,11 @@ def _add_watch(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
     watch.add_argument("--mission", metavar="FILE", help="draw its places, and look at its fence")
     watch.add_argument(
+        "--key",
+        metavar="FILE",
+        help="the operator's key file: show only what the swarm has signed, and say who else speaks (with --mission)",
+    )
+    watch.add_argument(
         "--map", metavar="FILE", help="MBTiles of pictures, or an image with its world file (a metre grid)"
     )
     watch.add_argument("--utm", metavar="ZONE", help="of an image whose world file is in UTM: 32N, or EPSG:32632")
