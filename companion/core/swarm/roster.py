@@ -57,21 +57,24 @@ class Roster:
         """The vehicles that took off and are not in this part. `grounded`: last heard on the ground; not counted."""
         return self.flown & ~self.present & ~grounded
 
-    def has_quorum(self, now_s: float, *, grounded: int = 0, at_once: bool = False) -> bool:
+    def has_quorum(self, now_s: float, *, grounded: int = 0) -> bool:
         """A leader's: its part is the majority of those that took off, or was a moment ago, by the table of failsafes.
 
-        A new leader's counts as one for so long, unless it is to be counted `at_once`.
+        A new leader has none until it has counted one, but what it has been handed (see `begin_lead`).
         """
         here, missing = (self.flown & self.present).bit_count(), self.missing_peers(grounded).bit_count()
-        if here > missing or not self.flown or (self._quorum_s is None and not at_once):
+        if here > missing or not self.flown:
             self._quorum_s = now_s
         if self._quorum_s is None:
             return False
         return now_s - self._quorum_s <= NO_MAJORITY.delay_s
 
-    def begin_lead(self) -> None:
-        """This vehicle begins to lead: which are there comes up the routes only now."""
-        self._quorum_s = None
+    def begin_lead(self, quorum_s: float | None) -> None:
+        """This vehicle may begin to lead: which are there comes up the routes only then.
+
+        `quorum_s`: when the leader that hands over to it had the majority last; None: nobody hands over to it.
+        """
+        self._quorum_s = quorum_s
 
 
 def list_vehicles(vehicles: Sequence[int]) -> str:

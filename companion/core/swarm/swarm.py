@@ -325,11 +325,10 @@ class Swarm:
     def _count_votes(self, picture: Picture) -> None:
         """Finds out if this part of the swarm may go on: its leader counts, and says so with the lease."""
         if self.election.role is Role.LEADER:
-            again = self.partition.recovery.hold_s == 0.0  # a part that goes ahead loses no time
             grounded = picture.contacts.grounded()
-            self.election.set_quorum(self.roster.has_quorum(picture.now_s, grounded=grounded, at_once=again))
+            self.election.set_quorum(self.roster.has_quorum(picture.now_s, grounded=grounded))
         else:
-            self.roster.begin_lead()
+            self.roster.begin_lead(picture.now_s if self.election.inherits_quorum(RENEWED_PERIODS) else None)
         self.partition.update_quorum(picture, self.election.lease)
 
     def _search_lost_peers(self, picture: Picture) -> None:

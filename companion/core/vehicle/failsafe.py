@@ -330,7 +330,7 @@ ROWS: tuple[Row, ...] = (
         Severity.WARNING,
         "land: no quorum for {delay_s} s",
         delay_s=120.0,  # it holds so long for the others
-        lingers_s=3.0,  # a new leader counts as having the majority for a second: only then it has
+        lingers_s=3.0,  # longer than links that come and go while parts draw near
     ),
     Row(
         Cause.OBSTACLES_LOST,
@@ -534,7 +534,9 @@ ROWS: tuple[Row, ...] = (
         Severity.WARNING,
         "hold: no quorum{}",
         until="the majority is heard again",
-        delay_s=1.0,  # one beacon lost on a long link cuts off a branch
+        # One beacon lost on a long link cuts off a branch. And silent for 0.5 s, it counts for so long: no longer than
+        # the others take to have a leader of their own that acts, 10 + 5 periods (`election`)
+        delay_s=0.7,
         detail=lambda r: r.missing,
     ),
     Row(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from companion.core.localisation.peer_table import STALE_S
 from companion.core.model.states import SwarmPhase
+from companion.core.swarm.election import HELD_PERIODS, LEASE_PERIODS
 from companion.core.swarm.roster import Roster, ids
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import Cause
@@ -52,13 +54,28 @@ def test_branch_that_is_not_heard_for_a_moment_is_not_lost() -> None:
     assert not one.has_quorum(10.0 + QUORUM_LOST_S + 0.1)
 
 
-def test_new_leader_has_a_moment_to_hear_who_is_there() -> None:
+def test_new_leader_has_no_majority_before_it_has_counted_one() -> None:
     one = roster(flown=0b11111111)
-    one.has_quorum(10.0)
-    assert not one.has_quorum(20.0)
-    one.begin_lead()
-    assert one.has_quorum(30.0)
-    assert not one.has_quorum(30.0 + QUORUM_LOST_S + 0.1)
+    assert not one.has_quorum(10.0)
+    one.collect_branches(
+        [beacon(k, present=1 << (k - 1), phase=TRANSIT) for k in (2, 3, 4, 5)], done=True, phase=TRANSIT
+    )
+    assert one.has_quorum(11.0)
+    one.collect_branches([], done=False, phase=TRANSIT)
+    one.begin_lead(None)
+    assert not one.has_quorum(11.1)
+
+
+def test_heir_has_the_majority_that_it_was_handed_for_a_moment_to_hear_who_is_there() -> None:
+    one = roster(flown=0b11111111)
+    one.begin_lead(10.0)
+    assert one.has_quorum(10.1)
+    assert not one.has_quorum(10.0 + QUORUM_LOST_S + 0.1)
+
+
+def test_majority_that_was_is_over_before_another_leader_can_act() -> None:
+    """Both count from the beacon that was heard last: this leader a silent neighbour, the others its lease."""
+    assert STALE_S + QUORUM_LOST_S < 0.1 * (LEASE_PERIODS + HELD_PERIODS - 1)
 
 
 def test_done_counts_only_in_the_same_phase_and_presence_in_any() -> None:
@@ -85,15 +102,13 @@ def test_vehicles_that_the_mission_does_not_know_count_for_nothing() -> None:
     assert (one.done, one.present, one.flown) == (1, 0b11, 0b111)
 
 
-def test_new_leader_that_is_to_count_at_once_has_no_majority_before_its_part_has() -> None:
+def test_missing_beacons_of_a_majority_count_for_a_moment() -> None:
     roster = Roster(1, 5)
     roster.mark_launched(0b11111)
-    roster.begin_lead()
-    assert not roster.has_quorum(10.0, at_once=True)
-    assert roster.has_quorum(10.0)  # else it has it for a moment
-    roster.begin_lead()
+    roster.begin_lead(None)
+    assert not roster.has_quorum(10.0)
     roster.collect_branches([beacon(2, present=0b00110), beacon(4)], done=False, phase=0)
-    assert roster.has_quorum(10.0, at_once=True)
+    assert roster.has_quorum(10.0)
     roster.collect_branches([], done=False, phase=0)
-    assert roster.has_quorum(10.9, at_once=True)
-    assert not roster.has_quorum(11.1, at_once=True)
+    assert roster.has_quorum(10.0 + QUORUM_LOST_S - 0.1)
+    assert not roster.has_quorum(10.0 + QUORUM_LOST_S + 0.1)
