@@ -1,0 +1,96 @@
+"""Defects planted in a copy of the programs: each must be found by what the tests explore."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+from tests.bench.planted_defects import Defect, plant
+from tests.bench.turns import ROOT, pure_copy
+
+ELECTION, ROSTER = "companion/core/swarm/election.py", "companion/core/swarm/roster.py"
+SWARM, PHASES = "companion/core/swarm/swarm.py", "companion/core/swarm/phases.py"
+FOUR, CHAIN = "four, one trouble", "chain of four, one trouble"
+MISSION = "a mission of three, one trouble or an order"
+
+# Each with the slice that is to find it; its cause is one of the rules, "error" an exception.
+DEFECTS: tuple[tuple[Defect, str], ...] = (
+    (
+        Defect(
+            "a half is a quorum", ROSTER, (("if here > missing or", "if here >= missing or"),), "two exclusive leaders"
+        ),
+        FOUR,
+    ),
+    (
+        Defect(
+            "a new leader has the majority before it has counted",
+            ROSTER,
+            (("> missing or not self.flown:", "> missing or not self.flown or self._quorum_s is None:"),),
+            "majority",
+        ),
+        FOUR,
+    ),
+    (
+        Defect(
+            "the majority counts for longer than others take to lead",
+            "companion/core/vehicle/failsafe.py",
+            (("        delay_s=0.7,\n", "        delay_s=1.0,\n"),),
+            "two exclusive leaders",
+        ),
+        FOUR,
+    ),
+    (
+        Defect(
+            "a lower count renews a lease",
+            ELECTION,
+            (("if lease.seq <= mine.seq or 0 < mine.seq", "if lease.seq == mine.seq or 0 < mine.seq"),),
+            "liveness",
+        ),
+        CHAIN,
+    ),
+    (
+        Defect(
+            "a leader never yields to another",
+            ELECTION,
+            (("if not succeeds and not self._precedes", "if self.leads or not succeeds and not self._precedes"),),
+            "two leaders",
+        ),
+        FOUR,
+    ),
+    (
+        Defect(
+            "an order to land is forgotten",
+            SWARM,
+            (("self.abort |= beacon.abort", "self.abort = beacon.abort"),),
+            "latch",
+        ),
+        MISSION,
+    ),
+    (
+        Defect(
+            "an older phase is adopted",
+            PHASES,
+            (("_progress(phase, stop) > _progress(self.phase", "_progress(phase, stop) != _progress(self.phase"),),
+            "phase",
+        ),
+        MISSION,
+    ),
+)
+
+
+def find(defect: Defect, part: str) -> str:
+    """By what it is found in a copy that has it, in words; empty: it is not. `part`: name of the slice."""
+    with pure_copy(ROOT) as copy:
+        plant(defect, copy)
+        done = subprocess.run(
+            [sys.executable, "-m", "tests.exploration", "--quick", "--only", part],
+            cwd=copy,
+            env={**os.environ, "PYTHONPATH": f"{copy}{os.pathsep}{ROOT}", "UNDERSTORY_PURE": "1"},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    if "Traceback" in done.stderr:
+        raise RuntimeError(done.stderr)
+    return done.stderr.strip()
