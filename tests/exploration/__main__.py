@@ -8,8 +8,8 @@ import sys
 from tests.exploration.slices import ALL, QUICK, explore_all
 
 HEAD = (
-    "| explored | n | troubles | states | steps | ways to the end | states of a vehicle | settled within | s |",
-    "|---|---|---|---|---|---|---|---|---|",
+    "| explored | n | troubles | states | steps | ends | states of a vehicle | settled within | two decide for | s |",
+    "|---|---|---|---|---|---|---|---|---|---|",
 )
 
 
@@ -27,7 +27,7 @@ def main() -> int:
         rest = "" if found.complete else ", not all"
         print(
             f"| {part.name}{rest} | {part.size} | {part.begins} | {found.states:,} | {found.steps:,} | {found.ends:,} "
-            f"| {found.members:,} | {found.settled_after} periods | {found.seconds:.0f} |",
+            f"| {found.members:,} | {found.settled_after} periods | {found.exclusive or ''} | {found.seconds:.0f} |",
             flush=True,
         )
         broken += [f"{part.name}: {what}" for what in found.violations.values()]

@@ -116,6 +116,7 @@ ROSTER: dict[str, Keep] = {
     "done": AS_IT_IS,
     "present": AS_IT_IS,
     "flown": AS_IT_IS,
+    "has_counted": AS_IT_IS,
     "_quorum_s": _age(SECOND),
 }
 PARTITION: dict[str, Keep] = {

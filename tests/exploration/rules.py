@@ -22,7 +22,8 @@ class Monitor(NamedTuple):
 
     together: int = 0  # periods, without a break, with two acting leaders in one part
     exclusive: int = 0  # the same with two that decide for the swarm, wherever they are
-    apart: tuple[int, ...] = ()  # of each vehicle: since its part was the majority of those in the air
+    met: tuple[tuple[int, ...], ...] = ()  # of each vehicle: since each other was in its part
+    apart: tuple[int, ...] = ()  # of each vehicle: since those that it may count were the majority of those in the air
     lied: bool = False  # a member has lied
 
 
@@ -31,6 +32,7 @@ class Bounds(NamedTuple):
 
     together: int
     exclusive: int
+    met: int  # so long a vehicle that is not there any more may be counted
     apart: int
     settled: int
     settled_after_lies: int
@@ -39,9 +41,9 @@ class Bounds(NamedTuple):
     def of(cls, size: int, depth: int) -> Bounds:
         """By the bounds of the election's laws, for a graph of that depth."""
         # What a leader hears of a branch is old when a link on its way is cut, at each hop; then it still counts.
-        apart = STALE_PERIODS * depth + QUORUM_PERIODS + 2
+        met, apart = STALE_PERIODS * depth, QUORUM_PERIODS + 2
         settled = max(acting_within(depth), failover_within(depth)) + overlap_within(depth)
-        return cls(overlap_within(depth), 0, apart, settled, recovery_within(size, depth))
+        return cls(overlap_within(depth), 0, met, apart, settled, recovery_within(size, depth))
 
 
 class Rules:
@@ -52,7 +54,8 @@ class Rules:
 
     def begin(self, world: World) -> Monitor:
         """Of the first state."""
-        return Monitor(apart=(0,) * len(world.members))
+        size = len(world.members)
+        return Monitor(met=((0,) * size,) * size, apart=(0,) * size)
 
     def count(self, world: World, monitor: Monitor) -> Monitor:
         """One period later."""
@@ -63,14 +66,18 @@ class Rules:
         deciding = sum(one.decides for one in seen.values())
         flying = {k for k, one in seen.items() if one.airborne}
         flying |= {trouble.who for trouble in world.troubles if trouble.act is Act.CRASH and trouble.other}
-        apart = list(monitor.apart)
+        apart, met = list(monitor.apart), list(monitor.met)
         for part in links.loose_parts:
-            whole = len(part & flying) > len(flying - part)
             for k in part:
+                aged = enumerate(met[k - 1], start=1)
+                met[k - 1] = tuple(0 if j in part else min(self.bounds.met + 1, periods + 1) for j, periods in aged)
+                here = {j for j in flying if met[k - 1][j - 1] <= self.bounds.met}
+                whole = len(here) > len(flying - here)
                 apart[k - 1] = 0 if whole else min(self.bounds.apart + 1, apart[k - 1] + 1)
         return Monitor(
             together=min(self.bounds.together + 1, monitor.together + 1) if acting > 1 and settles else 0,
             exclusive=monitor.exclusive + 1 if deciding > 1 else 0,
+            met=tuple(met),
             apart=tuple(apart),
             lied=monitor.lied or any(trouble.act is Act.LIE for trouble in world.troubles),
         )

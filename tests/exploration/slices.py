@@ -73,7 +73,7 @@ QUICK = (
 ALL = (
     *QUICK,
     Slice("three, two troubles, at any of 9 times", 3, LOSSES, 2, (1, 3, 5, 6, 8, 11, 14, 16, 20)),
-    Slice("three, three troubles", 3, LOSSES, 3, (1, 14)),
+    Slice("three, three troubles", 3, (Act.CUT, Act.CRASH, Act.WEAK), 3, (1, 14)),
     Slice("three, two troubles or reboots", 3, (Act.CUT, Act.CRASH, Act.REBOOT), 2, (1, 5, 11, 14, 16)),
     Slice("four, two troubles", 4, LOSSES, 2, (1, 14)),
     Slice("chain of four, two troubles", 4, (Act.CUT, Act.CRASH, Act.WEAK), 2, (1, 14), chain=True),
@@ -81,9 +81,10 @@ ALL = (
     Slice("a mission of four, one trouble or an order", 4, (*LOSSES, Act.LAND), 1, range(1, 60, 9), from_ground=True),
     Slice("four, one liar", 4, (Act.LIE,), 1, (1, 5, 11, 16), lies=tuple(Lie)),
     Slice("three, one liar and a cut", 3, (Act.LIE, Act.CUT), 2, (14,), lies=tuple(Lie)),
-    # A leader counts a neighbour that does not hear it for as long as that one and itself take to notice.
+    # Known: a leader counts a neighbour that does not hear it, or that has gone over to another, until both notice.
+    Slice("three, three one-way links or other troubles", 3, LOSSES, 3, (1, 14), exclusive=12),
     Slice(
-        "chain of three, one-way links and crashes", 3, LOSSES, 2, (1, 4, 5, 6, 8, 9, 11, 14), chain=True, exclusive=6
+        "chain of three, one-way links and crashes", 3, LOSSES, 2, (1, 4, 5, 6, 8, 9, 11, 14), chain=True, exclusive=12
     ),
 )
 

@@ -21,7 +21,7 @@ NAMED_MAX: Final = 4  # vehicles in a message of 50 characters
 class Roster:
     """One vehicle's knowledge. `flown` only grows, and travels with every beacon; the other sets come up the routes."""
 
-    __slots__ = ("_everyone", "_me", "_quorum_s", "done", "flown", "present")
+    __slots__ = ("_everyone", "_me", "_quorum_s", "done", "flown", "has_counted", "present")
 
     def __init__(self, me: int, size: int) -> None:
         self._me = 1 << (me - 1)
@@ -29,6 +29,7 @@ class Roster:
         self.done = 0
         self.present = self._me
         self.flown = 0
+        self.has_counted = False  # a majority, since it leads: what it was handed is no ground to decide
         self._quorum_s: float | None = None  # when this part had the majority last
 
     def update_flown(self, beacon: Beacon) -> None:
@@ -64,7 +65,7 @@ class Roster:
         """
         here, missing = (self.flown & self.present).bit_count(), self.missing_peers(grounded).bit_count()
         if here > missing or not self.flown:
-            self._quorum_s = now_s
+            self._quorum_s, self.has_counted = now_s, True
         if self._quorum_s is None:
             return False
         return now_s - self._quorum_s <= NO_MAJORITY.delay_s
@@ -74,7 +75,7 @@ class Roster:
 
         `quorum_s`: when the leader that hands over to it had the majority last; None: nobody hands over to it.
         """
-        self._quorum_s = quorum_s
+        self._quorum_s, self.has_counted = quorum_s, False
 
 
 def list_vehicles(vehicles: Sequence[int]) -> str:

@@ -70,6 +70,7 @@ def test_heir_has_the_majority_that_it_was_handed_for_a_moment_to_hear_who_is_th
     one = roster(flown=0b11111111)
     one.begin_lead(10.0)
     assert one.has_quorum(10.1)
+    assert not one.has_counted  # it guides, and decides nothing
     assert not one.has_quorum(10.0 + QUORUM_LOST_S + 0.1)
 
 
