@@ -16,7 +16,8 @@ FLY ?=
 help:
 	@echo "make fly      set everything up, fly 8 vehicles to a tree     (MISSION=... FLY='-n 4 --seed 2')"
 	@echo "make test     set everything up, run all tests on all cores"
-	@echo "make fuzz     the property tests with many more examples, others each time  (TIMES=20)"
+	@echo "make fuzz     forged frames, files and flights, then the property tests with many more examples, others each time"
+	@echo "              (EXECUTIONS=1000000 TIMES=20 SEED=...; one part alone: python -m tests.fuzz --help)"
 	@echo "make coverage the tests of the core alone, and how many of its branches they see"
 	@echo "make check    lint, types, import contracts, unused code, lengths, words, generated files"
 	@echo "make conformance  our autopilots against recorded flights of PX4 and ArduCopter"
@@ -83,8 +84,11 @@ test: coverage $(COMPILED) $(DEV_READY)
 	  $(BIN)/python -m pytest --last-failed --last-failed-no-failures none tests/interop
 
 TIMES ?= 20
+EXECUTIONS ?= 1000000
+SEED ?= $(shell date +%s)
 
 fuzz: $(DEV_READY)
+	$(BIN)/python -m tests.fuzz --seed $(SEED) --executions $(EXECUTIONS)
 	FUZZ=$(TIMES) $(BIN)/python $(SIDE_BY_SIDE) tests/property
 
 # The core, part by part, with its branches counted: where too few of them are seen, it fails. Of the

@@ -60,6 +60,7 @@ COMPILED = {
     "companion.mavlink.native": (
         "companion/mavlink/*.py",
         "companion/mavlink/framing/*.py",
+        "companion/mavlink/peers/*.py",
         "companion/sensors/scans.py",
         "companion/sensors/lidar_pieces.py",
         "companion/survey/ground.py",

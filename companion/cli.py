@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from companion import help_texts
 from companion.keys.options import add_key_commands
 from companion.lidar.options import MODEL_NAMES, RAW_NAMES, parse_band, parse_mask
+from companion.order.options import add_order_commands
 from companion.sensor_options import add_sensor_options
 from companion.shell.urls import AUTOPILOT_SCHEMES, HEARING_SCHEMES, PEERS_SCHEMES, Scheme, Url, UrlError, parse_url
 from companion.stand.form_height import FORM_HEIGHT_M
@@ -82,6 +83,12 @@ def build_parser() -> argparse.ArgumentParser:
         metavar="CHECK[,CHECK...]",
         help="take these failed checks of the report as accepted; `all`: arm without any report, as in the simulator",
     )
+    run.add_argument(
+        "--key",
+        metavar="FILE",
+        help="this vehicle's key file, by which its radio is signed and orders are the operator's (`companion key`); "
+        "without it whoever is in radio range can start, lead and land it, and the log says so",
+    )
     run.add_argument("--clock", choices=("monotonic", "vehicle"), default="monotonic", help="default: monotonic")
     run.add_argument("--log", metavar="FILE", help="append the flight log to FILE; default: stderr")
     run.add_argument(
@@ -97,6 +104,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_base(commands)
     _add_stand(commands)
     add_key_commands(commands)
+    add_order_commands(commands, peers=_url(PEERS_SCHEMES), ground_station=_url(PEERS_SCHEMES), vehicle=_vehicle_id)
     add_examples(parser, help_texts.EXAMPLES)
     return parser
 
@@ -243,6 +251,7 @@ def _add_base(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
         allow_abbrev=False,
     )
     base.add_argument("mission", metavar="MISSION", help="mission file (TOML) with [survey]; the swarm's own")
+    base.add_argument("--key", metavar="FILE", help="the operator's key file, where the swarm's radio is signed")
     base.add_argument("--listen", required=True, type=_url(PEERS_SCHEMES), metavar="URL", help="link to the companions")
     base.add_argument(
         "--records",
@@ -304,6 +313,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         from companion.keys.command import key
 
         return key(arguments)
+    if arguments.command == "order":
+        from companion.order.command import order
+
+        return order(arguments)
     gc.disable()  # what loading makes stays
     from companion import run_command
 

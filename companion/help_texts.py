@@ -122,11 +122,47 @@ Ends with Ctrl-C. docs/how-to/collect-records.md has more.
 exit codes: 0 ended by SIGINT or SIGTERM, 2 wrong usage or a bad file, 3 a port or a file that cannot be opened
 """
 EXAMPLES = {
+    "order": (
+        "companion order start --key fleet/operator.key --mission forest.toml \\\n"
+        "      --peers udpbcast://192.168.4.255:14660",
+        "companion order abort --key fleet/operator.key --mission forest.toml \\\n"
+        "      --peers udpbcast://192.168.4.255:14660",
+    ),
+    "order start": (
+        "companion order start --key fleet/operator.key --mission forest.toml \\\n"
+        "      --peers udpbcast://192.168.4.255:14660",
+        "companion order start --key fleet/operator.key --mission forest.toml \\\n"
+        "      --peers udpbcast://192.168.4.255:14660 --hand-back 3",
+    ),
+    "order hold": (
+        "companion order hold --key fleet/operator.key --mission forest.toml \\\n"
+        "      --peers udpbcast://192.168.4.255:14660",
+        "companion order hold --key fleet/operator.key --mission forest.toml \\\n"
+        "      --peers udpbcast://192.168.4.255:14660 --for-s 60",
+    ),
+    "order land": (
+        "companion order land --key fleet/operator.key --mission forest.toml \\\n"
+        "      --peers udpbcast://192.168.4.255:14660",
+        "companion order land --key fleet/operator.key --mission forest.toml \\\n"
+        "      --peers udpbcast://192.168.4.255:14660 --for-s 60",
+    ),
+    "order abort": (
+        "companion order abort --key fleet/operator.key --mission forest.toml \\\n"
+        "      --peers udpbcast://192.168.4.255:14660",
+        "companion order abort --key fleet/operator.key --mission forest.toml \\\n"
+        "      --peers udpbcast://192.168.4.255:14660 --for-s 60",
+    ),
+    "order gateway": (
+        "companion order gateway --key fleet/operator.key --mission forest.toml \\\n"
+        "      --peers udpbcast://192.168.4.255:14660 --ground-station udpin://127.0.0.1:14590",
+        "companion order gateway --key fleet/operator.key --mission forest.toml \\\n"
+        "      --peers udpbcast://192.168.4.255:14660 --ground-station udpout://127.0.0.1:14550",
+    ),
     "key": ("companion key new fleet --vehicles 5", "companion key show-id fleet/vehicle-3.key"),
     "key new": ("companion key new fleet --vehicles 5", "companion key new /media/safe/forest --vehicles 12"),
     "key show-id": (
         "companion key show-id fleet/vehicle-3.key",
-        "sudo companion key show-id /etc/understory/vehicle.key",
+        "companion key show-id /etc/understory/vehicle.key",
     ),
     "key rotate": ("companion key rotate fleet", "companion key rotate fleet --finish"),
     "key revoke": ("companion key revoke fleet 3", "companion key revoke /media/safe/forest 12"),

@@ -12,12 +12,14 @@ import traceback
 from contextlib import ExitStack
 from datetime import UTC, datetime
 
+from companion.keys.key_file import KeyFileError
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.harvest import RecordLink
 from companion.preflight.report import clearance
 from companion.sensors.table import SENSORS, sensors_of
 from companion.shell.flight_log import ChangeLogger, FlightLog, summary
 from companion.shell.links import Link, LinkError, open_link
+from companion.shell.radio_keys import RadioKeys, open_keys
 from companion.shell.runner import Runner, Stop
 from companion.shell.service import Service
 from companion.shell.urls import Scheme, Url
@@ -121,6 +123,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
             EXIT_ENVIRONMENT,
             f"the mission has [survey], which needs {error.name}: pip install 'understory-uav[survey]'",
         ) from None
+    radio = _radio_keys(arguments, mission, opened)
     endpoint = Endpoint(
         mission,
         arguments.id,
@@ -129,6 +132,8 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
         sensor_streams={name: url.scheme is Scheme.SERIAL for name, url in urls.items()},
         survey=survey,
         records=_records(arguments, mission, opened, log),
+        guard=radio.guard,
+        orders=radio.orders,
     )
     cleared = clearance(arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time())
     endpoint.agent.ground(cleared.grounded)
@@ -138,6 +143,8 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     opened.callback(service.close)
     runner = Runner(endpoint, autopilot, peers, changes, stop, service, sensors)
     log.line(None, _start_line(arguments, mission))
+    for line in radio.lines:
+        log.line(None, line)
     for link, url in ((autopilot, arguments.autopilot), *((link, urls[name]) for name, link in sensors.items())):
         if not link.up:  # USB is late at boot; the companion says so in its status too
             log.line(
@@ -169,6 +176,25 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
         f"missed {runner.missed}, {summary(changes.counters())}, log lines lost {log.lost}",
     )
     return EXIT_DONE
+
+
+def _radio_keys(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> RadioKeys:
+    try:
+        return open_keys(
+            arguments.key,
+            arguments.mission,
+            arguments.id,
+            mission.swarm.size,
+            arguments.log,
+            opened,
+            beside_loop=arguments.clock == "monotonic",
+        )
+    except KeyFileError as error:
+        raise RefusedError(EXIT_REFUSED, f"--key {error}") from None
+    except OSError as error:
+        raise RefusedError(
+            EXIT_ENVIRONMENT, f"the file of the operator's orders: {error.strerror}: {error.filename}"
+        ) from None
 
 
 def _records(arguments: argparse.Namespace, mission: Mission, opened: ExitStack, log: FlightLog) -> RecordLink | None:

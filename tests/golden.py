@@ -11,7 +11,7 @@ the difference before you keep it.
 | `fleet size=3 sensing=8 stop=60,40` | the same, with obstacle sensors; with a tree before d2, east and north |
 | `show says state cause lease acts phase setpoint` | what is written from now on; all but setpoint, else |
 | `only 2 3` | of these vehicles alone |
-| `start 1`, `land_all 1` | an operator's order to this vehicle |
+| `start 1`, `land_all 1`, `hold 1 2`, `land 1 2` | an operator's order to these vehicles |
 | `run 3.5`, `until TRANSIT 60 2 3` | seconds; until all (these) are in that state, within so many |
 | `mute 1`, `unmute 1` | the radio is off, on |
 | `cut 1 2`, `links 1-2 2-3`, `heal` | these do not hear the others; only these pairs hear each other; all do |
@@ -38,7 +38,7 @@ from __future__ import annotations
 import argparse
 import random
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +46,7 @@ from companion.core.agent import Agent
 from companion.core.model.actions import Say, VelocitySetpoint
 from companion.core.model.states import FlightMode, Order, Result, Role
 from companion.core.model.vectors import norm
+from mission.document.model import PositionUncertain
 from tests import tick_arrows
 from tests.unit.core.core_fleet import Aircraft, Fleet
 from tests.unit.core.core_kit import mission
@@ -182,11 +183,21 @@ class Player:
     def do_only(self, *vehicles: str) -> None:
         self._only = {int(k) for k in vehicles}
 
-    def do_start(self, vehicle: str) -> None:
-        self._fleet.order(int(vehicle), Order.START)
+    def do_start(self, *vehicles: str) -> None:
+        self._order(Order.START, vehicles)
 
-    def do_land_all(self, vehicle: str) -> None:
-        self._fleet.order(int(vehicle), Order.LAND_ALL)
+    def do_land_all(self, *vehicles: str) -> None:
+        self._order(Order.ABORT, vehicles)
+
+    def do_hold(self, *vehicles: str) -> None:
+        self._order(Order.HOLD, vehicles)
+
+    def do_land(self, *vehicles: str) -> None:
+        self._order(Order.LAND, vehicles)
+
+    def _order(self, order: Order, vehicles: Iterable[str]) -> None:
+        for vehicle in vehicles:
+            self._fleet.order(int(vehicle), order)
 
     def do_run(self, seconds: str) -> None:
         end_s = self._fleet.now_s + float(seconds)
@@ -277,6 +288,9 @@ class Player:
 
     def do_placeless(self, vehicle: str, on: str) -> None:
         self.one(vehicle).agent.localiser.is_position_lost = on == "on"
+        for one in self._fleet.aircraft.values():  # as if the mission had vehicles that fly by ranges
+            spec = one.agent.mission.swarm.position_uncertain
+            one.agent.swarm.trust.gate.may_turn_back = spec is PositionUncertain.RETURN
 
     def do_late(self, vehicle: str, seconds: str) -> None:
         self.one(vehicle).late_s = float(seconds)

@@ -38,6 +38,7 @@ from companion.core.safety.surroundings import Surroundings
 from companion.core.stages import StageFactory
 from companion.core.swarm.orders import Orders
 from companion.core.swarm.picture import Picture
+from companion.core.vehicle.operator_orders import FloodedOrders
 from mission.document.model import Mission
 from sim_bridge.drive import fly
 from tests.flights import flown
@@ -297,7 +298,8 @@ ARROWS = {"observe": _observe, "decide": _decide, "guide": _guide, "filter": _fi
 class _DecidedSwarm:
     """A swarm of which all that is decided was written down."""
 
-    started = abort = launched = False
+    launched = False
+    operator = FloodedOrders()
 
     def __init__(self, me: int) -> None:
         self._me, self._range_m = me, 0.0
@@ -309,13 +311,10 @@ class _DecidedSwarm:
     def has(self, _vehicle_id: int) -> bool:
         return True
 
-    def sanitise_beacon(self, beacon: Beacon) -> Beacon:
+    def sanitise_beacon(self, beacon: Beacon, _now_s: float) -> Beacon:
         return beacon
 
     def receive_beacon(self, _beacon: Beacon, _now_s: float) -> None:
-        """Decided."""
-
-    def allow_start(self) -> None:
         """Decided."""
 
     def radio_range_m(self, **_: bool) -> float:

@@ -12,9 +12,11 @@ from pathlib import Path
 from typing import Final, TextIO
 
 from companion.base.station import BaseStation
+from companion.keys.key_file import KeyFileError
 from companion.records.node import open_base
 from companion.records.store import StoreError
 from companion.shell.links import Link, LinkError, open_link
+from companion.shell.radio_keys import open_base_guard
 from companion.shell.records import draw_log
 from companion.shell.runner import Stop
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
@@ -36,17 +38,20 @@ def base(arguments: argparse.Namespace) -> int:
             mission = _mission(arguments.mission)
             records = open_base(mission, Path(arguments.records), draw_log, made_s=int(time.time()))
             opened.callback(records.store.close)
+            guard = open_base_guard(arguments.key, arguments.mission)
             link = open_link(arguments.listen, hears_all=True)
             opened.callback(link.close)
         except MissionError as error:
             return _refused(EXIT_BAD_FILE, error)
+        except KeyFileError as error:
+            return _refused(EXIT_BAD_FILE, f"companion: --key {error}")
         except ValueError as error:
             return _refused(EXIT_BAD_FILE, f"companion: {error}")
         except StoreError as error:
             return _refused(EXIT_ENVIRONMENT, f"companion: --records {printable(arguments.records, 200)}: {error}")
         except LinkError as error:
             return _refused(EXIT_ENVIRONMENT, f"companion: --listen {error}")
-        station = BaseStation(records)
+        station = BaseStation(records, guard)
         shown = Terminal(sys.stdout)
         shown.line(
             f"base station of {mission.name or 'unnamed'!r} on {arguments.listen}, records in {arguments.records}"

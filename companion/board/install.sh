@@ -8,20 +8,23 @@ STATE=/var/lib/understory
 UNIT=understory-companion.service
 UNITS=/etc/systemd/system
 JOURNAL=/etc/systemd/journald.conf.d
+KEY=$CONFIG/vehicle.key
 USER_NAME=understory
 HERE=$(cd "$(dirname "$(readlink -f "$0")")" && pwd)
 
 usage() {
     cat <<'TEXT'
 usage: install.sh [--env FILE] [--key FILE] [--mission FILE] [--python PYTHON] [--force]
+       understory-install --replace-key FILE [--force]
        understory-install --rollback [--force]
        understory-install --uninstall [--purge] [--force]
 
 Run install.sh of an unpacked bundle to install or to upgrade; the release before it is kept.
   --env FILE      becomes /etc/understory/companion.env, unless there is one
-  --key FILE      becomes /etc/understory/swarm.key (0600), unless there is one
+  --key FILE      becomes /etc/understory/vehicle.key (0600), unless there is one: this vehicle's, of `companion key new`
   --mission FILE  becomes /etc/understory/mission.toml, unless there is one
   --python PYTHON the Python to use (python3)
+  --replace-key FILE  becomes /etc/understory/vehicle.key in the place of the one that is there (companion key rotate)
   --rollback      go back to the release before this one; once more to return
   --uninstall     remove the software and the service; --purge also configuration, key, state and user
   --force         although the companion is flying, or does not say that it is not
@@ -181,12 +184,39 @@ place() { # SOURCE TARGET MODE OWNER: never over what is there
     say "made $2"
 }
 
+check_key() { # FILE RELEASE: copies it to $KEY.new, if it is this vehicle's, as far as the number is set
+    (umask 077 && cp "$1" "$KEY.new")
+    shown=$("$2/bin/companion" key show-id "$KEY.new") || {
+        rm -f "$KEY.new"
+        fail 2 "$1: no key file, see above"
+    }
+    owner=$(echo "$shown" | sed -n 's/^owner *//p')
+    number=$(sed -n 's/^UNDERSTORY_ID=//p' "$CONFIG/companion.env")
+    [ "$owner" = "vehicle ${number:-${owner#vehicle }}" ] || {
+        rm -f "$KEY.new"
+        fail 2 "$1: is the key file of $owner, and this is vehicle ${number:-1 to 250} ($CONFIG/companion.env)"
+    }
+}
+
+put_key() { # after check_key; after a power cut it is the one or the other
+    chown "$USER_NAME:$USER_NAME" "$KEY.new"
+    sync "$KEY.new"
+    mv "$KEY.new" "$KEY"
+    sync "$CONFIG"
+    say "made $KEY, of $owner"
+}
+
 configure() {
     mkdir -p "$CONFIG" "$JOURNAL"
     chmod 0755 "$CONFIG"
     place "${env_file:-$HERE/companion.env}" "$CONFIG/companion.env" 0644 root:root
     [ -z "$mission_file" ] || place "$mission_file" "$CONFIG/mission.toml" 0644 root:root
-    [ -z "$key_file" ] || place "$key_file" "$CONFIG/swarm.key" 0600 "$USER_NAME:$USER_NAME"
+    if [ -n "$key_file" ] && [ -e "$KEY" ]; then
+        say "kept $KEY (--replace-key replaces it)"
+    elif [ -n "$key_file" ]; then
+        check_key "$key_file" "$PREFIX/releases/$release"
+        put_key
+    fi
     install -d -m 0700 -o "$USER_NAME" -g "$USER_NAME" "$STATE"
     place "$HERE/journald.conf" "$JOURNAL/understory.conf" 0644 root:root
 }
@@ -194,7 +224,7 @@ configure() {
 next_steps() {
     grep -Eq '^UNDERSTORY_ID=.' "$CONFIG/companion.env" || say "to do: this vehicle's number in $CONFIG/companion.env"
     [ -e "$CONFIG/mission.toml" ] || say "to do: the swarm's mission as $CONFIG/mission.toml"
-    [ -e "$CONFIG/swarm.key" ] || say "to do: the swarm's key: install.sh --key FILE"
+    [ -e "$KEY" ] || say "to do: this vehicle's key: understory-install --replace-key FILE"
     if ! has_systemd; then
         say "to do: start it at boot: systemctl enable --now $UNIT"
     elif ! systemctl is-enabled --quiet "$UNIT" 2>/dev/null; then
@@ -221,6 +251,15 @@ do_install() {
     prune
     say "release $release is current$(name_of "$PREFIX/previous" | sed 's/.*/, & is kept: understory-install --rollback/')"
     next_steps
+}
+
+do_replace_key() {
+    [ -r "$key_file" ] || fail 2 "$key_file: cannot be read"
+    [ -x "$PREFIX/current/bin/companion" ] || fail 1 "nothing is installed: install.sh --key FILE"
+    check_key "$key_file" "$PREFIX/current"
+    stop_service
+    put_key
+    start_service
 }
 
 do_rollback() {
@@ -255,11 +294,12 @@ main() {
     action=install env_file='' key_file='' mission_file='' python=python3 force=no purge=no
     while [ $# -gt 0 ]; do
         case $1 in
-        --env | --key | --mission | --python)
+        --env | --key | --replace-key | --mission | --python)
             [ $# -ge 2 ] || fail 2 "$1 needs a value"
             case $1 in
             --env) env_file=$2 ;;
             --key) key_file=$2 ;;
+            --replace-key) key_file=$2 action=replace_key ;;
             --mission) mission_file=$2 ;;
             --python) python=$2 ;;
             esac

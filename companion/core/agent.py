@@ -31,6 +31,7 @@ from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import Readings, Source
 from companion.core.vehicle.flight import Flight
 from companion.core.vehicle.obstacle_sensor_monitor import ObstacleSensorMonitor
+from companion.core.vehicle.operator_orders import FloodedOrders, OperatorOrders
 from mission.document.model import Mission
 
 TICK_HZ: Final = 20
@@ -40,14 +41,19 @@ TICK_S = 1.0 / TICK_HZ
 class Agent:
     """One vehicle's companion. `now_s` is any monotonic clock, in seconds."""
 
-    def __init__(self, mission: Mission, vehicle_id: int, stages: StageFactory = FLIGHT_STAGES) -> None:
-        """`stages`: guidance and safety filter. ValueError when `vehicle_id` is not one of the mission's 1..size."""
+    def __init__(
+        self,
+        mission: Mission,
+        vehicle_id: int,
+        stages: StageFactory = FLIGHT_STAGES,
+        operator: OperatorOrders | None = None,
+    ) -> None:
+        """`stages`: guidance and safety filter; `operator`: orders, else flooded. ValueError: no such vehicle."""
         if not 1 <= vehicle_id <= mission.swarm.size:
             raise ValueError(f"vehicle id {vehicle_id}: the mission has 1..{mission.swarm.size}")
-        self.id = vehicle_id
-        self.mission = mission
+        self.id, self.mission = vehicle_id, mission
         self.localiser = build_localiser(mission, vehicle_id)
-        self.swarm = Swarm(mission, vehicle_id)
+        self.swarm = Swarm(mission, vehicle_id, operator or FloodedOrders())
         self.movement = stages.build_guidance(mission, vehicle_id)
         self.perception = build_perception(mission, vehicle_id)
         self.sensors = ObstacleSensorMonitor(self.perception.stale_s)
@@ -57,8 +63,7 @@ class Agent:
         self.setpoint = AT_REST  # the last that went out
         self.flight = Flight(mission.route.d1_enu_m[2], self.sensors)
         self._ticks_per_beacon = round(TICK_HZ / mission.radio.beacon_rate_hz)
-        self._ticks = 0
-        self._sent_early = False  # a beacon before its time, in this period
+        self._ticks, self._sent_early = 0, False  # a beacon before its time, in this period
         self._last_tick_s: float | None = None
         self._says: list[Say] = []
         self._waived = ""  # checks of the preflight that an operator took as accepted
@@ -78,8 +83,8 @@ class Agent:
         match event:
             case HeardBeacon():
                 self._receive_beacon(event, now_s)
-            case OperatorOrder(order):
-                self._obey(order)
+            case OperatorOrder():
+                self._obey(event)
             case Position():
                 seen = self.perception.correct_odometry(event, now_s, reckons=self.localiser.is_fix_lost)
                 airborne = self.flight.vehicle.airborne
@@ -192,8 +197,9 @@ class Agent:
             picture.neighbours, picture.silent, self.perception.nearest_m(picture.own), now_s
         )
         findings += swarm.findings(picture, clear_below=has_room)
+        may_join, allowed, not_localised = swarm.may_join(), swarm.operator.may_take_off, picture.not_localised
         requests = flight.update_flight(
-            phase, now_s, findings=findings, may_join=swarm.may_join(), not_localised=picture.not_localised
+            phase, now_s, findings=findings, may_join=may_join, may_take_off=allowed, not_localised=not_localised
         )
         return Orders(
             leader=leader,
@@ -268,27 +274,22 @@ class Agent:
         own, sender = self.flight.vehicle.position, heard.said.sender
         if own is None or sender == self.id or not self.swarm.has(sender):
             return
-        said = self.swarm.sanitise_beacon(heard.said)
+        said = self.swarm.sanitise_beacon(heard.said, now_s)
         if said is not heard.said:
             heard = HeardBeacon(said, heard.rel_ned_m)
         if self.localiser.receive_beacon(heard, own.pos_ned_m, now_s):
             self.swarm.receive_beacon(said, now_s)
 
-    def _obey(self, order: Order) -> None:
-        match order:
-            case Order.START:
-                self.swarm.allow_start()
-                if self.flight.grounded:
-                    self._report_text(Severity.ERROR, brief(f"grounded, {self.flight.grounded}"))
-                self.flight.hand_back()
-            case Order.LAND_ALL:
-                if not self.swarm.abort:
-                    self._report_text(Severity.WARNING, "land all: ordered by the operator")
-                self.swarm.land_all()
+    def _obey(self, event: OperatorOrder) -> None:
+        self._says += self.swarm.operator.obey(event.order)
+        if event.order is Order.START and self.flight.grounded:
+            self._report_text(Severity.ERROR, brief(f"grounded, {self.flight.grounded}"))
+        if event.order is Order.START and event.hands_back:
+            self.flight.hand_back()
 
     def _report_waived(self) -> None:
         """Once, when the flight is allowed."""
-        if self._waived and self.swarm.started:
+        if self._waived and self.swarm.operator.started:
             self._report_text(Severity.WARNING, brief(f"preflight waived: {self._waived}"))
             self._waived = ""
 

@@ -97,7 +97,7 @@ def _revoke(arguments: argparse.Namespace) -> int:
 
 
 def _print_step(folder: str, fleet: Fleet) -> None:
-    """What is in the folder now, and what to do with it."""
+    """The step that the folder is at, its files, and what to do with them."""
     step = step_of(fleet.operator)
     print(STEPS[step])
     print(summary(fleet.operator))

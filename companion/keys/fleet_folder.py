@@ -11,13 +11,14 @@ import os
 import re
 import stat
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from companion.keys.crypto import public_key
 from companion.keys.key_file import PLACE_CHARS, KeyFileError, load_keyring, owner_name, render_keyring
 from companion.keys.keyring import OPERATOR, SECRET_BYTES, Keyring
+from mission.common.durable_files import replace_file, sync_folder
 from mission.common.problems import printable
 
 OPERATOR_FILE = "operator.key"
@@ -39,7 +40,7 @@ class Fleet:
     stale: frozenset[int]
 
     def keyring_of(self, vehicle: int) -> Keyring:
-        """What this vehicle's file is to hold."""
+        """The content that this vehicle's file is to have."""
         return replace(self.operator, owner=vehicle, seed=self.seeds[vehicle])
 
 
@@ -67,7 +68,7 @@ def make_fleet(folder: Path, size: int) -> Fleet:
         try:
             for keyring in (operator, *map(fleet.keyring_of, seeds)):
                 _write(part, keyring)
-            _sync(part)
+            sync_folder(part)
             os.rename(part, folder)
         except OSError:
             _remove_unfinished(part)
@@ -158,31 +159,7 @@ def _locked(folder: Path) -> Iterator[int]:
 
 
 def _write(folder: Path, keyring: Keyring) -> None:
-    """One file: as it was, or as it is to be, also after a power cut (once the folder is synchronised, too)."""
-    name = file_name(keyring.owner)
-    part = folder / f".{name}.new"
-    with suppress(FileNotFoundError):
-        os.unlink(part)  # of a run that was interrupted
-    fd = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
-    try:
-        left = memoryview(render_keyring(keyring).encode())
-        while left:
-            left = left[os.write(fd, left) :]
-        os.fsync(fd)
-    except OSError:
-        os.unlink(part)
-        raise
-    finally:
-        os.close(fd)
-    os.replace(part, folder / name)
-
-
-def _sync(folder: Path) -> None:
-    fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        os.fsync(fd)
-    finally:
-        os.close(fd)
+    replace_file(folder / file_name(keyring.owner), render_keyring(keyring).encode())
 
 
 def _remove_unfinished(part: Path) -> None:

@@ -77,6 +77,8 @@ def render_keyring(keyring: Keyring) -> str:
 def parse_keyring(text: str, place: str) -> Keyring:
     """The keyring that `render_keyring` made this text of. KeyFileError begins with `place`."""
     document = _toml(text, place)
+    if not document:
+        raise KeyFileError(f"{place}: is empty: no key is installed")
     if "format" in document and (type(document["format"]) is not int or document["format"] != FORMAT):
         raise KeyFileError(f"{place}: format = {_shown(document['format'])}: must be {FORMAT}")
     for name in document:
@@ -149,7 +151,7 @@ def _bytes(value: object, where: str, size: int) -> bytes:
 
 
 def _random(value: object, where: str) -> bytes:
-    """What nobody can guess, as far as its look tells."""
+    """A secret that nobody can guess, as far as its look tells."""
     secret = _bytes(value, where, SECRET_BYTES)
     if len(set(secret)) < DIFFERENT_MIN:
         raise KeyFileError(f"{where}: is not random")

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+SECRET_BYTES = 32  # of a swarm's secret and of an Ed25519 seed
+PUBLIC_BYTES = 32  # of an Ed25519 public key (RFC 8032)
+EPOCHS = 256  # the link id of a MAVLink 2 signature says which secret it was made with: one byte
 OPERATOR = 0  # in the place of a vehicle's id
 
 

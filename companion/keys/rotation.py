@@ -42,7 +42,7 @@ def advance(keyring: Keyring, fresh: bytes) -> Keyring:
         case Step.NEW_ACCEPTED:
             return replace(keyring, active=newest(keyring))
         case Step.NEW_ACTIVE:
-            return _keep(keyring, keyring.active)
+            return _keep_only(keyring, keyring.active)
 
 
 def finish(keyring: Keyring, fresh: bytes) -> Keyring:
@@ -51,7 +51,7 @@ def finish(keyring: Keyring, fresh: bytes) -> Keyring:
     Vehicles that have an earlier file do not hear those that have this one.
     """
     begun = _offer(keyring, fresh) if step_of(keyring) is Step.REST else keyring
-    return replace(_keep(begun, newest(begun)), active=newest(begun))
+    return replace(_keep_only(begun, newest(begun)), active=newest(begun))
 
 
 def revoke(keyring: Keyring, vehicle: int, fresh: bytes) -> Keyring:
@@ -64,7 +64,7 @@ def revoke(keyring: Keyring, vehicle: int, fresh: bytes) -> Keyring:
     return replace(_offer(keyring, fresh), vehicles=vehicles)
 
 
-def _keep(keyring: Keyring, epoch: int) -> Keyring:
+def _keep_only(keyring: Keyring, epoch: int) -> Keyring:
     return replace(keyring, secrets={epoch: keyring.secrets[epoch]})
 
 

@@ -1040,6 +1040,20 @@ enums["SWARM_PHASE"][5] = EnumEntry("SWARM_PHASE_LAND", """Spread out level and 
 SWARM_PHASE_ENUM_END = 6
 enums["SWARM_PHASE"][6] = EnumEntry("SWARM_PHASE_ENUM_END", """""")
 
+# SWARM_ORDER_KIND
+enums["SWARM_ORDER_KIND"] = Enum()
+enums["SWARM_ORDER_KIND"].bitmask = False
+SWARM_ORDER_KIND_START = 1
+enums["SWARM_ORDER_KIND"][1] = EnumEntry("SWARM_ORDER_KIND_START", """Fly the mission; in the air: go on after a HOLD.""")
+SWARM_ORDER_KIND_HOLD = 2
+enums["SWARM_ORDER_KIND"][2] = EnumEntry("SWARM_ORDER_KIND_HOLD", """Every vehicle holds where it is, until a START.""")
+SWARM_ORDER_KIND_LAND = 3
+enums["SWARM_ORDER_KIND"][3] = EnumEntry("SWARM_ORDER_KIND_LAND", """The swarm spreads out level and lands, as at the mission's end. Cannot be taken back.""")
+SWARM_ORDER_KIND_ABORT = 4
+enums["SWARM_ORDER_KIND"][4] = EnumEntry("SWARM_ORDER_KIND_ABORT", """Every vehicle lands where it is, now. Cannot be taken back.""")
+SWARM_ORDER_KIND_ENUM_END = 5
+enums["SWARM_ORDER_KIND"][5] = EnumEntry("SWARM_ORDER_KIND_ENUM_END", """""")
+
 # SWARM_BEACON_FLAGS
 enums["SWARM_BEACON_FLAGS"] = Enum()
 enums["SWARM_BEACON_FLAGS"].bitmask = True
@@ -1122,6 +1136,7 @@ MAVLINK_MSG_ID_SWARM_RELATIVE = 52102
 MAVLINK_MSG_ID_SWARM_LIDAR_SCAN = 52103
 MAVLINK_MSG_ID_SWARM_RECORD_VECTOR = 52104
 MAVLINK_MSG_ID_SWARM_RECORD = 52105
+MAVLINK_MSG_ID_SWARM_ORDER = 52106
 MAVLINK_MSG_ID_SWARM_MANIFEST = 52107
 
 
@@ -3756,6 +3771,54 @@ class MAVLink_swarm_record_message(MAVLink_message):
 setattr(MAVLink_swarm_record_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_swarm_order_message(MAVLink_message):
+    """
+    An order of the operator to all vehicles, by the operator's own
+    key: a vehicle passes it on as it came, and none can make one. Its
+    Ed25519 signature is over the 18 bytes `understory order 1` and
+    all fields but itself, in the order of the wire.
+    """
+
+    id = MAVLINK_MSG_ID_SWARM_ORDER
+    msgname = "SWARM_ORDER"
+    fieldnames = ["order_counter", "flight_nonce", "mission_digest", "order_version", "order_kind", "hand_back", "order_signature", "boot_marks"]
+    ordered_fieldnames = ["order_counter", "flight_nonce", "mission_digest", "order_version", "order_kind", "hand_back", "order_signature", "boot_marks"]
+    fieldtypes = ["uint64_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {"order_kind": "SWARM_ORDER_KIND"}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<QBBBBBBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7]
+    lengths = [1, 8, 8, 1, 1, 1, 64, 164]
+    array_lengths = [0, 8, 8, 0, 0, 0, 64, 164]
+    crc_extra = 87
+    unpacker = struct.Struct("<Q8B8BBBB64B164B")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, order_counter: int, flight_nonce: Sequence[int], mission_digest: Sequence[int], order_version: int, order_kind: int, hand_back: int, order_signature: Sequence[int], boot_marks: Sequence[int]):
+        MAVLink_message.__init__(self, MAVLink_swarm_order_message.id, MAVLink_swarm_order_message.msgname)
+        self._fieldnames = MAVLink_swarm_order_message.fieldnames
+        self._instance_field = MAVLink_swarm_order_message.instance_field
+        self._instance_offset = MAVLink_swarm_order_message.instance_offset
+        self.order_counter = order_counter
+        self.flight_nonce = flight_nonce
+        self.mission_digest = mission_digest
+        self.order_version = order_version
+        self.order_kind = order_kind
+        self.hand_back = hand_back
+        self.order_signature = order_signature
+        self.boot_marks = boot_marks
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.order_counter, self.flight_nonce[0], self.flight_nonce[1], self.flight_nonce[2], self.flight_nonce[3], self.flight_nonce[4], self.flight_nonce[5], self.flight_nonce[6], self.flight_nonce[7], self.mission_digest[0], self.mission_digest[1], self.mission_digest[2], self.mission_digest[3], self.mission_digest[4], self.mission_digest[5], self.mission_digest[6], self.mission_digest[7], self.order_version, self.order_kind, self.hand_back, self.order_signature[0], self.order_signature[1], self.order_signature[2], self.order_signature[3], self.order_signature[4], self.order_signature[5], self.order_signature[6], self.order_signature[7], self.order_signature[8], self.order_signature[9], self.order_signature[10], self.order_signature[11], self.order_signature[12], self.order_signature[13], self.order_signature[14], self.order_signature[15], self.order_signature[16], self.order_signature[17], self.order_signature[18], self.order_signature[19], self.order_signature[20], self.order_signature[21], self.order_signature[22], self.order_signature[23], self.order_signature[24], self.order_signature[25], self.order_signature[26], self.order_signature[27], self.order_signature[28], self.order_signature[29], self.order_signature[30], self.order_signature[31], self.order_signature[32], self.order_signature[33], self.order_signature[34], self.order_signature[35], self.order_signature[36], self.order_signature[37], self.order_signature[38], self.order_signature[39], self.order_signature[40], self.order_signature[41], self.order_signature[42], self.order_signature[43], self.order_signature[44], self.order_signature[45], self.order_signature[46], self.order_signature[47], self.order_signature[48], self.order_signature[49], self.order_signature[50], self.order_signature[51], self.order_signature[52], self.order_signature[53], self.order_signature[54], self.order_signature[55], self.order_signature[56], self.order_signature[57], self.order_signature[58], self.order_signature[59], self.order_signature[60], self.order_signature[61], self.order_signature[62], self.order_signature[63], self.boot_marks[0], self.boot_marks[1], self.boot_marks[2], self.boot_marks[3], self.boot_marks[4], self.boot_marks[5], self.boot_marks[6], self.boot_marks[7], self.boot_marks[8], self.boot_marks[9], self.boot_marks[10], self.boot_marks[11], self.boot_marks[12], self.boot_marks[13], self.boot_marks[14], self.boot_marks[15], self.boot_marks[16], self.boot_marks[17], self.boot_marks[18], self.boot_marks[19], self.boot_marks[20], self.boot_marks[21], self.boot_marks[22], self.boot_marks[23], self.boot_marks[24], self.boot_marks[25], self.boot_marks[26], self.boot_marks[27], self.boot_marks[28], self.boot_marks[29], self.boot_marks[30], self.boot_marks[31], self.boot_marks[32], self.boot_marks[33], self.boot_marks[34], self.boot_marks[35], self.boot_marks[36], self.boot_marks[37], self.boot_marks[38], self.boot_marks[39], self.boot_marks[40], self.boot_marks[41], self.boot_marks[42], self.boot_marks[43], self.boot_marks[44], self.boot_marks[45], self.boot_marks[46], self.boot_marks[47], self.boot_marks[48], self.boot_marks[49], self.boot_marks[50], self.boot_marks[51], self.boot_marks[52], self.boot_marks[53], self.boot_marks[54], self.boot_marks[55], self.boot_marks[56], self.boot_marks[57], self.boot_marks[58], self.boot_marks[59], self.boot_marks[60], self.boot_marks[61], self.boot_marks[62], self.boot_marks[63], self.boot_marks[64], self.boot_marks[65], self.boot_marks[66], self.boot_marks[67], self.boot_marks[68], self.boot_marks[69], self.boot_marks[70], self.boot_marks[71], self.boot_marks[72], self.boot_marks[73], self.boot_marks[74], self.boot_marks[75], self.boot_marks[76], self.boot_marks[77], self.boot_marks[78], self.boot_marks[79], self.boot_marks[80], self.boot_marks[81], self.boot_marks[82], self.boot_marks[83], self.boot_marks[84], self.boot_marks[85], self.boot_marks[86], self.boot_marks[87], self.boot_marks[88], self.boot_marks[89], self.boot_marks[90], self.boot_marks[91], self.boot_marks[92], self.boot_marks[93], self.boot_marks[94], self.boot_marks[95], self.boot_marks[96], self.boot_marks[97], self.boot_marks[98], self.boot_marks[99], self.boot_marks[100], self.boot_marks[101], self.boot_marks[102], self.boot_marks[103], self.boot_marks[104], self.boot_marks[105], self.boot_marks[106], self.boot_marks[107], self.boot_marks[108], self.boot_marks[109], self.boot_marks[110], self.boot_marks[111], self.boot_marks[112], self.boot_marks[113], self.boot_marks[114], self.boot_marks[115], self.boot_marks[116], self.boot_marks[117], self.boot_marks[118], self.boot_marks[119], self.boot_marks[120], self.boot_marks[121], self.boot_marks[122], self.boot_marks[123], self.boot_marks[124], self.boot_marks[125], self.boot_marks[126], self.boot_marks[127], self.boot_marks[128], self.boot_marks[129], self.boot_marks[130], self.boot_marks[131], self.boot_marks[132], self.boot_marks[133], self.boot_marks[134], self.boot_marks[135], self.boot_marks[136], self.boot_marks[137], self.boot_marks[138], self.boot_marks[139], self.boot_marks[140], self.boot_marks[141], self.boot_marks[142], self.boot_marks[143], self.boot_marks[144], self.boot_marks[145], self.boot_marks[146], self.boot_marks[147], self.boot_marks[148], self.boot_marks[149], self.boot_marks[150], self.boot_marks[151], self.boot_marks[152], self.boot_marks[153], self.boot_marks[154], self.boot_marks[155], self.boot_marks[156], self.boot_marks[157], self.boot_marks[158], self.boot_marks[159], self.boot_marks[160], self.boot_marks[161], self.boot_marks[162], self.boot_marks[163]), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_swarm_order_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_swarm_manifest_message(MAVLink_message):
     """
     In a signed swarm, once a second and with news: the sender vouches
@@ -3860,6 +3923,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_SWARM_LIDAR_SCAN: MAVLink_swarm_lidar_scan_message,
     MAVLINK_MSG_ID_SWARM_RECORD_VECTOR: MAVLink_swarm_record_vector_message,
     MAVLINK_MSG_ID_SWARM_RECORD: MAVLink_swarm_record_message,
+    MAVLINK_MSG_ID_SWARM_ORDER: MAVLink_swarm_order_message,
     MAVLINK_MSG_ID_SWARM_MANIFEST: MAVLink_swarm_manifest_message,
 }
 
@@ -6206,6 +6270,44 @@ class MAVLink(object):
 
         """
         self.send(self.swarm_record_encode(made_usec, log_id, log_number, log_writer, record_kind, body_size, record_body), force_mavlink1=force_mavlink1)
+
+    def swarm_order_encode(self, order_counter: int, flight_nonce: Sequence[int], mission_digest: Sequence[int], order_version: int, order_kind: int, hand_back: int, order_signature: Sequence[int], boot_marks: Sequence[int]) -> MAVLink_swarm_order_message:
+        """
+        An order of the operator to all vehicles, by the operator's own key: a
+        vehicle passes it on as it came, and none can make one. Its
+        Ed25519 signature is over the 18 bytes `understory order 1`
+        and all fields but itself, in the order of the wire.
+
+        order_counter             : The operator's count of orders, which only grows. A vehicle obeys none that is not above all that it has seen, but for a LAND or ABORT of the flight that it is in. (type:uint64_t)
+        flight_nonce              : The flight that it is about, drawn for its START; zeros: none yet. (type:uint8_t)
+        mission_digest            : Of the mission file, the first 8 bytes of SHA-256. (type:uint8_t)
+        order_version             : What the fields mean, as a whole: 1. (type:uint8_t)
+        order_kind                : What is ordered. (type:uint8_t, values:SWARM_ORDER_KIND)
+        hand_back                 : Of a START: a vehicle that a pilot has taken over, and that its companion is to steer again; 0: none. (type:uint8_t)
+        order_signature           : By the operator's key. (type:uint8_t)
+        boot_marks                : For each vehicle in turn, min(32, 1312 / swarm size) bits, low ones first: its boot nonce modulo (2^bits - 1), plus 1; 0: not named. On the ground a START counts for those alone that it names: recorded, it is dead for a vehicle that is started again. (type:uint8_t)
+
+        """
+        return MAVLink_swarm_order_message(order_counter, flight_nonce, mission_digest, order_version, order_kind, hand_back, order_signature, boot_marks)
+
+    def swarm_order_send(self, order_counter: int, flight_nonce: Sequence[int], mission_digest: Sequence[int], order_version: int, order_kind: int, hand_back: int, order_signature: Sequence[int], boot_marks: Sequence[int], force_mavlink1: bool = False) -> None:
+        """
+        An order of the operator to all vehicles, by the operator's own key: a
+        vehicle passes it on as it came, and none can make one. Its
+        Ed25519 signature is over the 18 bytes `understory order 1`
+        and all fields but itself, in the order of the wire.
+
+        order_counter             : The operator's count of orders, which only grows. A vehicle obeys none that is not above all that it has seen, but for a LAND or ABORT of the flight that it is in. (type:uint64_t)
+        flight_nonce              : The flight that it is about, drawn for its START; zeros: none yet. (type:uint8_t)
+        mission_digest            : Of the mission file, the first 8 bytes of SHA-256. (type:uint8_t)
+        order_version             : What the fields mean, as a whole: 1. (type:uint8_t)
+        order_kind                : What is ordered. (type:uint8_t, values:SWARM_ORDER_KIND)
+        hand_back                 : Of a START: a vehicle that a pilot has taken over, and that its companion is to steer again; 0: none. (type:uint8_t)
+        order_signature           : By the operator's key. (type:uint8_t)
+        boot_marks                : For each vehicle in turn, min(32, 1312 / swarm size) bits, low ones first: its boot nonce modulo (2^bits - 1), plus 1; 0: not named. On the ground a START counts for those alone that it names: recorded, it is dead for a vehicle that is started again. (type:uint8_t)
+
+        """
+        self.send(self.swarm_order_encode(order_counter, flight_nonce, mission_digest, order_version, order_kind, hand_back, order_signature, boot_marks), force_mavlink1=force_mavlink1)
 
     def swarm_manifest_encode(self, newest: int, boot: int, span: int, echoes: Sequence[int], macs: Sequence[int], ed25519: Sequence[int]) -> MAVLink_swarm_manifest_message:
         """

@@ -307,6 +307,11 @@ SWARM_PHASE_COVERAGE: Final = 3
 SWARM_PHASE_RETURN: Final = 4
 SWARM_PHASE_LAND: Final = 5
 SWARM_PHASE_ENUM_END: Final = 6
+SWARM_ORDER_KIND_START: Final = 1
+SWARM_ORDER_KIND_HOLD: Final = 2
+SWARM_ORDER_KIND_LAND: Final = 3
+SWARM_ORDER_KIND_ABORT: Final = 4
+SWARM_ORDER_KIND_ENUM_END: Final = 5
 SWARM_BEACON_FLAGS_ESTABLISHED: Final = 1
 SWARM_BEACON_FLAGS_AIRBORNE: Final = 2
 SWARM_BEACON_FLAGS_START: Final = 4
@@ -375,6 +380,7 @@ MAVLINK_MSG_ID_SWARM_RELATIVE: Final = 52102
 MAVLINK_MSG_ID_SWARM_LIDAR_SCAN: Final = 52103
 MAVLINK_MSG_ID_SWARM_RECORD_VECTOR: Final = 52104
 MAVLINK_MSG_ID_SWARM_RECORD: Final = 52105
+MAVLINK_MSG_ID_SWARM_ORDER: Final = 52106
 MAVLINK_MSG_ID_SWARM_MANIFEST: Final = 52107
 class MAVLink_heartbeat_message(MAVLink_message):
     type: int
@@ -1044,6 +1050,17 @@ class MAVLink_swarm_record_message(MAVLink_message):
     record_body: Sequence[int]
     def __init__(self, made_usec: int, log_id: int, log_number: int, log_writer: int, record_kind: int, body_size: int, record_body: Sequence[int]) -> None: ...
     def pack(self, mav: MAVLink, force_mavlink1: bool=False) -> bytes: ...
+class MAVLink_swarm_order_message(MAVLink_message):
+    order_counter: int
+    flight_nonce: Sequence[int]
+    mission_digest: Sequence[int]
+    order_version: int
+    order_kind: int
+    hand_back: int
+    order_signature: Sequence[int]
+    boot_marks: Sequence[int]
+    def __init__(self, order_counter: int, flight_nonce: Sequence[int], mission_digest: Sequence[int], order_version: int, order_kind: int, hand_back: int, order_signature: Sequence[int], boot_marks: Sequence[int]) -> None: ...
+    def pack(self, mav: MAVLink, force_mavlink1: bool=False) -> bytes: ...
 class MAVLink_swarm_manifest_message(MAVLink_message):
     newest: int
     boot: int
@@ -1235,5 +1252,7 @@ class MAVLink:
     def swarm_record_vector_send(self, base_epoch: int, mission_hash: int, base_hops: int, node_flags: int, log_entries: Sequence[int], force_mavlink1: bool=False) -> None: ...
     def swarm_record_encode(self, made_usec: int, log_id: int, log_number: int, log_writer: int, record_kind: int, body_size: int, record_body: Sequence[int]) -> MAVLink_swarm_record_message: ...
     def swarm_record_send(self, made_usec: int, log_id: int, log_number: int, log_writer: int, record_kind: int, body_size: int, record_body: Sequence[int], force_mavlink1: bool=False) -> None: ...
+    def swarm_order_encode(self, order_counter: int, flight_nonce: Sequence[int], mission_digest: Sequence[int], order_version: int, order_kind: int, hand_back: int, order_signature: Sequence[int], boot_marks: Sequence[int]) -> MAVLink_swarm_order_message: ...
+    def swarm_order_send(self, order_counter: int, flight_nonce: Sequence[int], mission_digest: Sequence[int], order_version: int, order_kind: int, hand_back: int, order_signature: Sequence[int], boot_marks: Sequence[int], force_mavlink1: bool=False) -> None: ...
     def swarm_manifest_encode(self, newest: int, boot: int, span: int, echoes: Sequence[int], macs: Sequence[int], ed25519: Sequence[int]) -> MAVLink_swarm_manifest_message: ...
     def swarm_manifest_send(self, newest: int, boot: int, span: int, echoes: Sequence[int], macs: Sequence[int], ed25519: Sequence[int], force_mavlink1: bool=False) -> None: ...

@@ -15,8 +15,8 @@ from typing import Any, Final, assert_never
 from companion.core.agent import Agent
 from companion.core.model.actions import Action, Ask, Say, SendBeacon, SendOdometry, VelocitySetpoint
 from companion.core.model.beacon import RelativeReport
-from companion.core.model.events import Answer, AutopilotMode, Event, LidarScan, OperatorOrder
-from companion.core.model.states import Order, Severity
+from companion.core.model.events import Answer, AutopilotMode, Event, LidarScan
+from companion.core.model.states import Severity
 from companion.core.stages import FLIGHT_STAGES, StageFactory
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
@@ -26,6 +26,8 @@ from companion.mavlink.framing import texts, wire
 from companion.mavlink.framing.frames import Framing, Incoming
 from companion.mavlink.framing.signing import Gate
 from companion.mavlink.harvest import GuardedSurvey, RecordLink, Survey
+from companion.mavlink.orders.book import OrderBook
+from companion.mavlink.orders.desk import open_desk
 from companion.mavlink.peers.guard import Guard, OpenGuard
 from companion.mavlink.peers.peers_link import PeersLink
 from companion.mavlink.sensor_inputs import SHARED, SensorInputs
@@ -53,7 +55,6 @@ FROM_AUTOPILOT = frozenset(
         TIMESYNC,
     }
 )
-ORDERS = {dialect.MAV_CMD_MISSION_START: Order.START, dialect.MAV_CMD_NAV_LAND: Order.LAND_ALL}
 DATAGRAMS: Final[Mapping[str, bool]] = MappingProxyType({})
 
 
@@ -65,7 +66,7 @@ class Outbox:
     peers: bytes
     said: list[Say]
     sensor: bytes  # a HEARTBEAT, by which a driver that waits for one learns this end's address
-    records: list[bytes]  # to the peers, each a datagram, after `peers`: a beacon is not lost with a record
+    records: list[bytes]  # to the peers, each a datagram, after `peers`: orders, and records
 
     def __init__(
         self, autopilot: bytes = b"", peers: bytes = b"", said: list[Say] | None = None, sensor: bytes = b""
@@ -96,6 +97,7 @@ class Endpoint:
         survey: Survey | None = None,
         records: RecordLink | None = None,
         guard: Guard | None = None,
+        orders: OrderBook | None = None,
     ) -> None:
         """ValueError when the mission has no origin or no such vehicle.
 
@@ -103,11 +105,13 @@ class Endpoint:
         `beacons`: reads those of this mission, shared with other vehicles; by default its own.
         `stages`: of its agent. `survey`: measures stems, in a mission that asks for it; `records`: keeps what it finds.
         `guard`: of the peers' link; by default whoever is in range is heard.
+        `orders`: of the operator's key; by default commands count, and the flags of beacons.
         """
         if mission.origin is None:
             raise ValueError("the mission has no [origin]: a vehicle cannot tell where its d1 and d2 are")
         frame = LocalFrame(mission.origin.wgs84)
-        self.agent = Agent(mission, vehicle_id, stages)
+        self.orders: Final = open_desk(orders)
+        self.agent = Agent(mission, vehicle_id, stages, self.orders.operator)
         ranging = mission.ranging if mission.flies_by_ranges else None
         start = None
         if ranging is not None and not mission.has_satellites(vehicle_id):
@@ -119,6 +123,7 @@ class Endpoint:
             beacons or swarm_beacon.Reader(frame),
             guard or OpenGuard(),
             records,
+            self.orders,
             ranging=ranging is not None,
         )
         self.sensors = SensorInputs(sensors, vehicle_id, sensor_streams)
@@ -261,10 +266,8 @@ class Endpoint:
         """COMMAND_LONG for this companion, forwarded by the autopilot. `sender`: system and component."""
         if m.target_system != self.id or m.target_component != COMPONENT:
             return
-        order = ORDERS.get(m.command)
-        if order is not None:
-            self.agent.receive(OperatorOrder(order), now_s)
-        result = dialect.MAV_RESULT_UNSUPPORTED if order is None else dialect.MAV_RESULT_ACCEPTED
+        result, order = self.orders.command(m)
+        self._receive(order, now_s)
         self._replies.append(dialect.MAVLink_command_ack_message(m.command, result, 0, 0, *sender))
 
     # --- out ---
@@ -283,13 +286,15 @@ class Endpoint:
         to_autopilot += map(pack, self._requests.missing(now_s))
         self._ask_for_time(now_s, to_autopilot)
         self._take_scans(now_s)
+        for order in self.orders.tick(self.agent, now_s):
+            self.agent.receive(order, now_s)
         for action in (*self._to_say, *self.agent.tick(now_s)):
             self._encode(action, now_s, to_autopilot, to_peers, out.said)
         self._to_say.clear()
         self._reply(now_s, to_autopilot)
         out.autopilot = b"".join(to_autopilot)
         out.peers = b"".join([*to_peers, *self.peers.prove(now_s)])
-        out.records = self.peers.send_records(now_s, len(out.peers))
+        out.records = [*self.peers.send_orders(now_s), *self.peers.send_records(now_s, len(out.peers))]
         self._to_say += self.peers.take_says()
         return out
 

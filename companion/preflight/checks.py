@@ -57,8 +57,8 @@ ABOUT = {
     "fence": "The polygon on the autopilot is the mission's, vertex by vertex, to 1e-7 degrees; without one there is "
     "none on the autopilot.",
     "key": "[This vehicle's key file](../how-to/keys.md), mode 0600, this user's (or root's). It shows fingerprints of "
-    "the fleet's public keys and of each epoch's secret, which are the same on every vehicle. A warning: none was given, "
-    "or the fleet has no key of a vehicle of the mission.",
+    "the fleet's public keys and of each epoch's secret: the same on every vehicle. A warning: none was given, or the "
+    "fleet has no key of a vehicle of the mission.",
     "disk": "500 MB free where the report goes, or here.",
     "monotonic": "The clock that the flight goes by has steps of a millisecond or less.",
 }

@@ -14,6 +14,7 @@ VECTOR_ID: Final = dialect.MAVLINK_MSG_ID_SWARM_RECORD_VECTOR
 RECORD_ID: Final = dialect.MAVLINK_MSG_ID_SWARM_RECORD
 VEHICLE_MAX: Final = 250
 HOPS_UNKNOWN: Final = 255
+MADE_MAX_US: Final = 1 << 52  # 142 years, and to the microsecond in a float: later, it could not be passed on
 _VECTOR: Final = Struct("<" + "".join(row.code for row in RECORD_VECTOR.on_wire))
 _RECORD: Final = Struct("<" + "".join(row.code for row in RECORD.on_wire))
 _ENTRY: Final = Struct("<BI3s3s3s3sI")
@@ -27,8 +28,11 @@ assert _ENTRY.size == ENTRY_BYTES
 
 
 def encode_record(record: Record) -> bytes:
-    """The payload of SWARM_RECORD, with its trailing zeros. struct.error when a number does not fit its field."""
-    made_us = round(record.made_s * 1e6)
+    """The payload of SWARM_RECORD, with its trailing zeros. struct.error when a number does not fit its field.
+
+    A time that no record has, as an older version may have stored it, is the nearest that one can have.
+    """
+    made_us = min(MADE_MAX_US, max(0, round(record.made_s * 1e6)))
     head = (made_us, record.log_id, record.number, record.vehicle_id, record.kind, len(record.body))
     return _RECORD.pack(*head, record.body)
 
@@ -54,7 +58,9 @@ def read_record(frame: bytes) -> Record | None:
     if payload is None:
         return None
     made_us, log_id, number, vehicle_id, kind, size, body = _RECORD.unpack(payload)
-    if not (1 <= vehicle_id <= VEHICLE_MAX and 1 <= number <= NUMBER_MAX and size <= BODY_MAX):
+    if not (1 <= vehicle_id <= VEHICLE_MAX and 1 <= number <= NUMBER_MAX):
+        return None
+    if size > BODY_MAX or made_us > MADE_MAX_US:
         return None
     if kind not in RecordKind._value2member_map_:
         return None

@@ -132,6 +132,7 @@ class ChangeLogger:
             "bad frames of the autopilot": endpoint.autopilot.bad,
             "datagrams of the peers without a beacon": endpoint.peers.without_beacon,
             **{f"frames of the peers refused, {why}": n for why, n in sorted(endpoint.peers.guard.refused.items())},
+            **endpoint.orders.counters(),
             "messages with invalid values": endpoint.codec.dropped,
             "beacons of another version": endpoint.codec.other_versions,
             "errors of the autopilot link": self._autopilot.errors,

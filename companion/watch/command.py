@@ -14,7 +14,8 @@ from typing import Any, Final
 
 from companion.shell.links import LinkError
 from companion.watch.alarms import alarms
-from companion.watch.charts import Chart, ChartError, open_chart
+from companion.watch.chart import Chart, ChartError
+from companion.watch.charts import open_chart
 from companion.watch.heard import Heard
 from companion.watch.server import Stream, WatchServer
 from companion.watch.udp_receiver import UdpReceiver
@@ -106,7 +107,10 @@ def _listen(
             stream.show({"about": still, **view(heard, mission, now_s)})
             due_s = now_s + PICTURES_S
         for data in udp_receiver.receive_datagrams(max(0.001, due_s - now_s)):
-            heard.receive_datagram(data, time.monotonic())
+            read_s = time.monotonic()
+            heard.receive_datagram(data, read_s)
+            if read_s >= due_s:  # a flood keeps no picture waiting
+                break
 
 
 def _mission(path: str) -> Mission:
@@ -129,9 +133,14 @@ def _chart(path: str | None, utm: str | None) -> Chart | None:
 
 def _server(address: tuple[str, int], stream: Stream, chart: Chart | None) -> WatchServer:
     try:
-        return WatchServer(address, stream, chart)
+        return WatchServer(address, stream, chart, say=_to_stderr)
     except OSError as error:
         raise OSError(f"--listen {address[0]}:{address[1]}: {error.strerror}") from None
+
+
+def _to_stderr(line: str) -> None:
+    with contextlib.suppress(OSError):
+        print(f"companion watch: {line}", file=sys.stderr, flush=True)
 
 
 def _refused(code: int, why: object) -> int:

@@ -5,21 +5,34 @@ The stream is of server-sent events (HTML Living Standard, 9.2): one way, as wat
 
 from __future__ import annotations
 
+import contextlib
 import hmac
 import http.server
+import io
 import ipaddress
 import json
 import re
 import secrets
+import socket
 import threading
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from http import HTTPStatus
 from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
 from typing import Any, ClassVar, Final
 from urllib.parse import parse_qs, urlsplit
 
-from companion.watch.charts import ZOOM_MAX, Chart
+from companion.watch.chart import ZOOM_MAX, Chart
+from companion.watch.connections import (
+    SEND_BUFFER_BYTES,
+    Connections,
+    Notices,
+    Patience,
+    TooSlowError,
+    read_head,
+    send_within,
+)
 from mission.common.own_addresses import reached_at
 
 BUNDLE: Final = Path(__file__).parent / "bundle"
@@ -29,8 +42,7 @@ FILES: Final = {
     "/watch.css": ("watch.css", "text/css; charset=utf-8"),
 }
 STREAMS_MAX: Final = 16
-CONNECTIONS_MAX: Final = 64
-PATIENCE_S: Final = 10.0  # with a connection that neither asks nor takes
+STREAM_WAIT_S: Final = 5.0  # for a picture; then the last one is sent again, and shows whether somebody is there
 POLICY: Final = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -78,12 +90,26 @@ class WatchServer(http.server.ThreadingHTTPServer):
     daemon_threads = True
     block_on_close = False
     allow_reuse_address = True
+    request_queue_size = 128  # with the usual 5, a burst of connections costs the next one seconds
 
-    def __init__(self, address: tuple[str, int], stream: Stream, chart: Chart | None = None) -> None:
+    def __init__(
+        self,
+        address: tuple[str, int],
+        stream: Stream,
+        chart: Chart | None = None,
+        *,
+        patience: Patience = Patience(),  # noqa: B008  frozen
+        clock: Callable[[], float] = time.monotonic,
+        say: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        """`say`: takes a line about a client that is dropped."""
         self.stream, self.chart = stream, chart
+        self.patience, self.clock = patience, clock
         self.token = "" if ipaddress.ip_address(address[0]).is_loopback else secrets.token_urlsafe(16)
         self.streams = threading.BoundedSemaphore(STREAMS_MAX)
-        self._connections = threading.BoundedSemaphore(CONNECTIONS_MAX)
+        self._notices = Notices(say)
+        self._connections = Connections[socket.socket]()
+        self._lock = threading.Lock()  # of the two above
         super().__init__(address, _Handler)
         self.cookie = COOKIE.format(port=self.server_address[1])
 
@@ -95,10 +121,21 @@ class WatchServer(http.server.ThreadingHTTPServer):
         return [f"http://{address}:{port}/{token}" for address in reached_at(str(host))]
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """In a thread of its own, unless there are too many."""
-        if self._connections.acquire(blocking=False):
+        """In a thread of its own, unless there are too many that have asked: those that only hold on make room."""
+        with self._lock:
+            is_let_in, goes = self._connections.admit(request, client_address[0])
+        if goes is not None:
+            with contextlib.suppress(OSError):
+                goes.shutdown(socket.SHUT_RDWR)  # its own thread closes it
+        if goes is not None or not is_let_in:
+            self.note(client_address[0], "too many connections")
+        if not is_let_in:
+            self.shutdown_request(request)
+            return
+        try:
             super().process_request(request, client_address)
-        else:
+        except RuntimeError:  # no thread is to be had
+            self._remove(request)
             self.shutdown_request(request)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
@@ -106,17 +143,73 @@ class WatchServer(http.server.ThreadingHTTPServer):
         try:
             super().process_request_thread(request, client_address)
         finally:
-            self._connections.release()
+            self._remove(request)
+
+    def mark_asked(self, request: socket.socket) -> None:
+        """Its request is whole: it is answered."""
+        with self._lock:
+            self._connections.mark_asked(request)
+
+    def note(self, address: str, what: str) -> None:
+        """A client was dropped."""
+        with self._lock:
+            self._notices.note(address, what, self.clock())
+
+    def _remove(self, request: socket.socket) -> None:
+        with self._lock:
+            self._connections.remove(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Ignored: a client that goes away is no news."""
+
+
+class _Writer(io.BufferedIOBase):
+    """Takes what the handler answers, and waits for its client only so long."""
+
+    def __init__(self, connection: socket.socket, server: WatchServer) -> None:
+        self._connection, self._server = connection, server
+
+    def writable(self) -> bool:
+        """Always."""
+        return True
+
+    def write(self, data: Any) -> int:
+        """TooSlowError, OSError."""
+        send_within(self._connection, bytes(data), self._server.clock, self._server.patience)
+        return len(data)
 
 
 class _Handler(http.server.BaseHTTPRequestHandler):
     server: WatchServer
     server_version: ClassVar[str] = "understory"  # type: ignore[misc]
     sys_version: ClassVar[str] = ""  # type: ignore[misc]
-    timeout: ClassVar[float] = PATIENCE_S
+
+    def setup(self) -> None:
+        """Reads nothing yet; what waits to be taken is bounded."""
+        super().setup()
+        self.rfile.close()
+        self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+        self.wfile = _Writer(self.connection, self.server)
+
+    def handle(self) -> None:
+        """One request, whole and in time, and its answer."""
+
+        def read_some(wait_s: float) -> bytes:
+            self.connection.settimeout(wait_s)
+            data: bytes = self.connection.recv(4096)
+            return data
+
+        server = self.server
+        try:
+            head = read_head(read_some, server.clock, server.clock() + server.patience.head_s)
+            if head:
+                server.mark_asked(self.request)
+                self.rfile = io.BytesIO(head)
+                self.handle_one_request()
+        except TooSlowError as error:
+            server.note(self.client_address[0], str(error))
+        except OSError:  # it has gone
+            pass
 
     def do_GET(self) -> None:
         """The only thing that is answered."""
@@ -159,7 +252,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
             self.end_headers()
             count = 0
             while not self.server.stream.closed:
-                count, picture = self.server.stream.after(count, PATIENCE_S / 2.0)
+                count, picture = self.server.stream.after(count, STREAM_WAIT_S)
                 self.wfile.write(b"data: " + picture + b"\n\n")
                 self.wfile.flush()
         except OSError:  # it has gone, or takes nothing

@@ -58,6 +58,7 @@ class FaultForm:
     lasts: Lasts = Lasts.OPTIONAL
     needs: Needs = Needs.NOTHING
     of_vehicle: bool = False  # it happens to a simulated vehicle: not over external autopilots
+    lies: bool = False  # it has a `lie`
 
 
 PARAMETERS: Final = {  # their names are the keys of [[sim.faults]]
@@ -119,5 +120,11 @@ FORMS: Final = {
     ),
     FaultKind.DISK_FULL: FaultForm(
         "the companion's computer can write nothing more: no log, of companions that are processes, and no records"
+    ),
+    FaultKind.INSIDER: FaultForm(
+        "beacons leave the vehicle's radio rewritten, as a member would that has all its keys and tells the `lie`; its"
+        " companion flies on as before",
+        of_vehicle=True,
+        lies=True,
     ),
 }

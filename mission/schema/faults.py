@@ -12,6 +12,7 @@ from mission.schema.fault_kinds import FORMS, PARAMETERS, Lasts
 from mission.schema.fields import MAX_VEHICLES, Number, Table, VehicleId
 from mission.schema.kinds import FaultKind as FaultKind
 from mission.schema.kinds import FaultPhase as FaultPhase
+from mission.schema.kinds import Lie as Lie
 
 MAX_FAULTS = 64
 LATEST_S = 604_800.0  # as sim.time_limit_s
@@ -79,6 +80,8 @@ class Fault(Table):
     noise_m: Annotated[Annotated[Number, _bounded("noise_m")] | None, _describe_parameter("noise_m")] = None
     delay_s: Annotated[Annotated[Number, _bounded("delay_s")] | None, _describe_parameter("delay_s")] = None
 
+    lie: Annotated[Lie | None, Field(description="Of `insider`: what its beacons tell.")] = None
+
     @field_validator("vehicles")
     @classmethod
     def _ids_listed_once(cls, ids: tuple[int, ...] | None) -> tuple[int, ...] | None:
@@ -96,6 +99,8 @@ class Fault(Table):
             wants = name in form.parameters
             if (getattr(self, name) is not None) is not wants:
                 raise ValueError(f"{kind}: needs {name}" if wants else f"{kind}: has no {name}")
+        if (self.lie is not None) is not form.lies:
+            raise ValueError(f"{kind}: needs lie" if form.lies else f"{kind}: has no lie")
         return self
 
 

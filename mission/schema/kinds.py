@@ -40,6 +40,25 @@ class FaultKind(StrEnum):
     RANGE_ERRORS = "range-errors"  # ranges of the radio are off, and noisier
     PILOT = "pilot"  # a pilot takes the vehicle over, and keeps it
     DISK_FULL = "disk-full"  # the companion's computer can write nothing more
+    INSIDER = "insider"  # a member with all its own keys says in its own beacons what is not so
+
+
+class Lie(StrEnum):
+    """Lie of an insider's beacons; its numbers are drawn (`sim_bridge/drive/links/insider.py`)."""
+
+    PUSH = "push"  # it is close to another, and flies at it
+    OFFSET = "offset"  # its position is off, by ever more
+    FLOOR = "floor"  # it is lower than it is, or higher, and others are to level with it
+    GHOST = "ghost"  # others hover silent, where nobody is
+    USURPER = "usurper"  # it leads, with the best that it may claim, and hands down a course of its own
+    SINKHOLE = "sinkhole"  # it is the way to the leader, with a false course and a false way to d2
+    PHASE = "phase"  # the leader has announced what it has not: a return, a landing, the next tree
+    LEASE = "lease"  # the leader's count is far ahead, it hands over, and others could lead
+    STALL = "stall"  # it and all behind it can keep up with nothing, and have done nothing
+    ROSTER = "roster"  # all have taken off, are there and have done it; or nobody has
+    CLOCK = "clock"  # its clock jumps, and its echoes are wrong
+    RANGES = "ranges"  # ranges, odometry and the way to the leader (SWARM_RELATIVE)
+    ORDERS = "orders"  # an operator has ordered the start, or that all land
 
 
 class FaultPhase(StrEnum):

@@ -16,7 +16,7 @@ from mission.cli.main import EXIT_BAD_FILE
 from mission.common.problems import printable
 from mission.document.model import Mission
 from mission.schema.fault_kinds import FORMS, PARAMETERS, Needs
-from mission.schema.faults import Fault, FaultKind, FaultPhase
+from mission.schema.faults import Fault, FaultKind, FaultPhase, Lie
 from sim_bridge.errors import StartError
 from sim_bridge.judge import run_folder
 from sim_bridge.judge.fault_events import FILE_NAME, LEADER, FaultEvent, numbers
@@ -28,7 +28,7 @@ _NUMBER = r"-?[0-9]{1,12}(?:\.[0-9]{1,12})?"
 _TEXT = re.compile(
     rf"(?P<vehicles>{LEADER}|[0-9]{{1,4}}(?:,[0-9]{{1,4}})*)@"
     rf"(?:(?P<phase>{'|'.join(FaultPhase)})(?:\+(?P<after>{_NUMBER}))?|(?P<at>{_NUMBER}))"
-    rf"(?P<numbers>(?::{_NUMBER})*)"
+    rf"(?::(?P<lie>{'|'.join(Lie)}))?(?P<numbers>(?::{_NUMBER})*)"
 )
 
 
@@ -50,8 +50,9 @@ def with_options(mission: Mission, options: Mapping[FaultKind, Sequence[str]]) -
 def parsed(kind: FaultKind, text: str) -> dict[str, Any]:
     """An option's text as a table of [[sim.faults]]. ValueError says what it must look like."""
     forms, example, _ = OPTIONS[kind]
-    found = _TEXT.fullmatch(text)
-    if found is None or found["numbers"].count(":") not in [form.count(":") for form in forms]:
+    found, lies = _TEXT.fullmatch(text), FORMS[kind].lies
+    colons = 0 if found is None else found["numbers"].count(":") + lies
+    if found is None or (found["lie"] is not None) is not lies or colons not in [form.count(":") for form in forms]:
         raise ValueError(f"must be {' or '.join(forms)}, as {example}. {GRAMMAR}")
     values = map(float, found["numbers"].split(":")[1:])
     return {
@@ -59,6 +60,7 @@ def parsed(kind: FaultKind, text: str) -> dict[str, Any]:
         "vehicles": None if found["vehicles"] == LEADER else [int(k) for k in found["vehicles"].split(",")],
         "at_s": float(found["at"] or found["after"] or 0.0),
         "phase": found["phase"],
+        **({"lie": found["lie"]} if lies else {}),
         **{name: _next_parameter(name, values) for name in FORMS[kind].parameters},
         "for_s": next(values, None),
     }
@@ -71,7 +73,8 @@ def spelled(fault: Fault) -> str:
     if fault.phase is not None and fault.at_s:
         when += f"+{_plain(fault.at_s)}"
     texts = [_plain(value) for value in (*numbers(fault), fault.for_s) if value is not None]
-    return f"{fault.kind.value} {':'.join([f'{vehicles}@{when}', *texts])}"
+    lie = [] if fault.lie is None else [fault.lie.value]
+    return f"{fault.kind.value} {':'.join([f'{vehicles}@{when}', *lie, *texts])}"
 
 
 def _next_parameter(name: str, values: Iterator[float]) -> float | list[float]:
@@ -169,6 +172,11 @@ class Faults:
         """The vehicles that a kind strikes now, by id, with its numbers: those of the one that began last."""
         return {k: event.numbers for event in self._of(kind) for k in event.vehicles}
 
+    @property
+    def lies(self) -> dict[int, Lie]:
+        """The lie of each insider, by id."""
+        return {k: event.lie for event in self._of(FaultKind.INSIDER) if event.lie for k in event.vehicles}
+
     def never(self) -> list[Fault]:
         """Faults that did not happen: their time did not come, or their vehicles had no companion left."""
         return [*self._in_vain, *self._waiting]
@@ -180,7 +188,7 @@ class Faults:
 def _apply(fault: Fault, vehicles: tuple[int, ...], now_s: float) -> FaultEvent:
     until_s = None if fault.for_s is None else now_s + fault.for_s
     parameters = {name: getattr(fault, name) for name in FORMS[fault.kind].parameters}
-    return FaultEvent(fault.kind, vehicles, now_s, until_s, spelled(fault), **parameters)
+    return FaultEvent(fault.kind, vehicles, now_s, until_s, spelled(fault), **parameters, lie=fault.lie)
 
 
 def _needs_no_companion(kind: FaultKind) -> bool:

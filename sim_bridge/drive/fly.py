@@ -31,7 +31,7 @@ from sim_bridge.drive.lockstep.fleet_keys import FleetKeys
 from sim_bridge.drive.lockstep.harvest import Harvest, describe_records
 from sim_bridge.drive.lockstep.lockstep import Companion, CompanionLostError, InProcess, Lockstep
 from sim_bridge.drive.lockstep.processes import Launcher, RadioSocket
-from sim_bridge.drive.operator import Operator, operator_order
+from sim_bridge.drive.operator import Operator, SignedOperator, operator_order
 from sim_bridge.judge.estimate_recorder import EstimateRecorder
 from sim_bridge.judge.metrics.stems import measure_stems
 from sim_bridge.judge.observer import Observer
@@ -63,15 +63,17 @@ class Flight:
         live: Live | None = None,
         start: Callable[[int], Companion] | None = None,
         harvest: Harvest | None = None,
+        keyholder: SignedOperator | None = None,
     ) -> None:
         """`start`: another companion for a vehicle, for faults that restart one; None: one in this process.
 
-        `harvest`: the records, of a mission that surveys.
+        `harvest`: the records, of a mission that surveys; `keyholder`: the operator of a swarm with keys.
         """
         self._start = start or (lambda vehicle_id: InProcess(mission, vehicle_id))
         self.mission = mission  # with what viewers of `live` have done by now
         self.harvest = harvest
-        self.lockstep = Lockstep(world, companions, harvest)
+        self.keyholder = keyholder
+        self.lockstep = Lockstep(world, companions, harvest, keyholder)
         self.recorder = Recorder()
         self.estimates = EstimateRecorder(mission)
         self.trace = Trace()
@@ -200,6 +202,7 @@ class Flight:
         self.events.extend((now_s, event.ends()) for event in ended)
         self.lockstep.stopped, self.lockstep.late_s = self.faults.stopped, self.faults.late_s
         self.lockstep.blind = self.faults.blind
+        self.lockstep.insiders.set_lies(self.faults.lies)
         for kind in {event.kind: None for event in (*began, *ended)}:
             strike(self.world, kind, self.faults.in_force(kind))
         self.world.radio.cut_off = self.faults.cut_off
@@ -209,7 +212,10 @@ class Flight:
         self._full = full
 
     def _order(self, command: int) -> None:
-        """The operator's word to every companion, over its autopilot's ground-station link."""
+        """The operator's word to every companion, over its autopilot's ground-station link; by radio with a key."""
+        if self.keyholder is not None:
+            self.keyholder.start(self.world.now_s)
+            return
         for vehicle in self.world.vehicles.values():
             vehicle.autopilot.receive(Link.GROUND, operator_order(vehicle.id, command), self.world.now_s)
 
@@ -289,7 +295,8 @@ def fly(
                 lost_early.append,
                 lambda count: progress.stage("starting companions", count, len(world.vehicles)),
             )
-        flight = Flight(mission, companions, world, folder, live, start, harvest)
+        keyholder = None if keys is None else keys.operator(world)
+        flight = Flight(mission, companions, world, folder, live, start, harvest, keyholder)
         stack.callback(flight.close)
         for error in lost_early:
             flight.lockstep.lost[error.vehicle_id] = error.why
@@ -363,8 +370,8 @@ def _in_process(
     """A companion in this process, with the disk that its vehicle has."""
     records = None if harvest is None else harvest.open(vehicle_id)
     disk = None if harvest is None else harvest.disks[vehicle_id]
-    guard = None if keys is None else keys.guard(vehicle_id)
-    return InProcess(mission, vehicle_id, beacons=beacons, stages=stages, records=records, disk=disk, guard=guard)
+    one = partial(InProcess, mission, vehicle_id, beacons=beacons, stages=stages, records=records, disk=disk)
+    return one() if keys is None else one(guard=keys.guard(vehicle_id), orders=keys.orders(vehicle_id))
 
 
 def _run(

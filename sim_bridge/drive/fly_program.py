@@ -30,6 +30,7 @@ from sim_bridge.drive.links.router import parse_url
 from sim_bridge.drive.live.live import CONTROLS, Live
 from sim_bridge.drive.live.map import Map
 from sim_bridge.drive.live.pace import Pace
+from sim_bridge.drive.lockstep.fleet_keys import FleetKeys
 from sim_bridge.errors import StartError
 from sim_bridge.judge import page
 from sim_bridge.judge.outcome import Outcome, describe_end, present, write_page
@@ -45,6 +46,8 @@ def run(args: argparse.Namespace) -> int:
     Bad files and a poor environment raise: see cli.py.
     """
     external, entrant = _external(args), _entrant(args)
+    if args.signed:
+        _fly_in_process(args, "--signed", "companions that are processes read their keys from files")
     mission, original = _mission(args, external)
     interrupt_once()
     folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
@@ -135,8 +138,16 @@ def _fly(
     """Over the simulator's own autopilots."""
     mission = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
     live = None if map_ is None else Live(map_, Pace(args.speed), title)
-    in_process = args.agents == IN_PROCESS
-    return fly(mission, folder, progress, in_process=in_process, factor=args.speed, live=live, entrant=entrant)
+    return fly(
+        mission,
+        folder,
+        progress,
+        in_process=args.agents == IN_PROCESS,
+        factor=args.speed,
+        live=live,
+        entrant=entrant,
+        keys=FleetKeys(mission) if args.signed else None,
+    )
 
 
 def _leave_nothing(folder: Path, stems: str | None) -> None:
@@ -175,15 +186,18 @@ def _entrant(args: argparse.Namespace) -> Entrant:
     if entrant.is_ours:
         return entrant
     asked = "--law" if args.law is not None else "--no-safety-filter"
+    _fly_in_process(args, asked, "companions that are processes fly ours")
+    entrant.stages()  # a bad law is told before there is a folder
+    return entrant
+
+
+def _fly_in_process(args: argparse.Namespace, asked: str, why: str) -> None:
+    """All agents are in this process. StartError where that cannot be."""
     if args.autopilots is not None:
         raise StartError(f"{asked}: flies in the bridge alone, not over --autopilots", EXIT_BAD_FILE)
     if args.agents == PROCESSES:
-        raise StartError(
-            f"{asked}: companions that are processes fly ours: --agents must be {IN_PROCESS}", EXIT_BAD_FILE
-        )
-    entrant.stages()  # a bad law is told before there is a folder
+        raise StartError(f"{asked}: {why}: --agents must be {IN_PROCESS}", EXIT_BAD_FILE)
     args.agents = IN_PROCESS
-    return entrant
 
 
 def _new_folder(asked: Path | None, name: str) -> Path:

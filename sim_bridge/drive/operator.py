@@ -1,14 +1,22 @@
-"""The simulated operator: when the flight is allowed, and what an order looks like."""
+"""The simulated operator: when the flight is allowed, and what an order looks like, with a key and without."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+import hashlib
+from collections.abc import Callable, Collection, Mapping
+from typing import Final
 
 from companion.core.model.states import FlightState
+from companion.keys.keyring import Keyring
 from companion.mavlink import dialect
 from companion.mavlink.beacon import WireBeacon
 from companion.mavlink.endpoint import COMPONENT
 from companion.mavlink.framing import wire
+from companion.mavlink.orders.order import OrderKind
+from companion.mavlink.peers.guard import Guard
+from companion.mavlink.peers.session import OPERATOR_ID
+from companion.order.station import OperatorStation
+from mission.common.frames import Vec3
 from mission.document.model import Mission, Personality
 
 GROUND_STATION = (255, 190)  # system and component id of the operator
@@ -45,3 +53,57 @@ def operator_order(vehicle_id: int, command: int) -> bytes:
     """The operator's COMMAND_LONG to one companion."""
     message = dialect.MAVLink_command_long_message(vehicle_id, COMPONENT, command, 0, *(0.0,) * 7)
     return wire.pack(message, seq=0, system=GROUND_STATION[0], component=GROUND_STATION[1])
+
+
+class OrderCount:
+    """An `OrderFile` in memory, whose flights are drawn by a seed."""
+
+    def __init__(self) -> None:
+        self._counter = 0
+        self._flight = bytes(8)
+
+    def next_order(self, digest: bytes, choose: Callable[[bytes], bytes]) -> tuple[int, bytes]:  # noqa: ARG002
+        """As `OrderFile`."""
+        self._counter += 1
+        self._flight = choose(self._flight)
+        return self._counter, self._flight
+
+
+class SignedOperator:
+    """The operator of a signed swarm, with a radio: a `RadioNode`. `order` begins an order, which is then repeated."""
+
+    def __init__(self, keyring: Keyring, digest: bytes, size: int, guard: Guard, *, seed: int, pos_ned_m: Vec3) -> None:
+        """`keyring`: the operator's; `digest`: of the mission file; `guard`: of its radio; `pos_ned_m`: the antenna."""
+        self._seed, self._drawn = seed, 0
+        self._started = False
+        self.pos_ned_m: Final = pos_ned_m
+        self.station: Final = OperatorStation(
+            keyring.seed, digest, size, file=OrderCount(), draw=self._draw, guard=guard
+        )
+
+    @property
+    def id(self) -> int:
+        """Its system id."""
+        return OPERATOR_ID
+
+    def start(self, now_s: float) -> None:
+        """START, the first time."""
+        if not self._started:
+            self._started = True
+            self.order(OrderKind.START, now_s)
+
+    def order(self, kind: OrderKind, now_s: float) -> None:
+        """Orders this from now on."""
+        self.station.send_order(kind, now_s)
+
+    def receive(self, data: bytes, now_s: float) -> None:
+        """To its station."""
+        self.station.receive(data, now_s)
+
+    def tick(self, now_s: float) -> list[bytes]:
+        """Frames of its order."""
+        return self.station.datagrams(now_s)
+
+    def _draw(self, size: int) -> bytes:
+        self._drawn += 1
+        return hashlib.sha256(f"understory simulated operator: {self._seed}, {self._drawn}".encode()).digest()[:size]

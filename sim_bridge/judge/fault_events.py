@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from mission.schema.fault_kinds import FORMS, PARAMETERS
-from mission.schema.faults import Fault, FaultKind
+from mission.schema.faults import Fault, FaultKind, Lie
 from sim_bridge.options.fault_forms import LEADER as LEADER
 
 FILE_NAME = "faults.json"
@@ -42,6 +42,7 @@ WORDS: Final = {
     ),
     FaultKind.PILOT: ("a pilot takes over {which}", ""),
     FaultKind.DISK_FULL: ("disk of {which} full{lasts}", "disk of {which} has room again"),
+    FaultKind.INSIDER: ("beacons of {which} lie: {lie}{lasts}", "beacons of {which} are true again"),
 }
 
 
@@ -61,6 +62,7 @@ class FaultEvent:
     bias_m: float | None = None
     noise_m: float | None = None
     delay_s: float | None = None
+    lie: Lie | None = None
 
     @property
     def numbers(self) -> tuple[float, ...]:
@@ -74,7 +76,7 @@ class FaultEvent:
         for_s = 0.0 if self.until_s is None else self.until_s - self.at_s
         lasts = "" if self.until_s is None else f" for {for_s:g} s"
         values = {name: getattr(self, name) for name in FORMS[self.kind].parameters}
-        return f"fault: {WORDS[self.kind][0].format(which=which, lasts=lasts, for_s=for_s, **values)}"
+        return f"fault: {WORDS[self.kind][0].format(which=which, lasts=lasts, for_s=for_s, lie=self.lie, **values)}"
 
     def ends(self) -> str:
         """For people; empty: it never does."""

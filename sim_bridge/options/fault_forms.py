@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from mission.schema.fault_kinds import FORMS, Lasts
-from mission.schema.kinds import FaultKind, FaultPhase
+from mission.schema.kinds import FaultKind, FaultPhase, Lie
 
 LEADER = "leader"  # instead of ids: the vehicle that leads then
 # Kind -> the numbers of its option, an example, and what it does
@@ -36,6 +36,7 @@ _ROWS = {
     ),
     FaultKind.PILOT: ("", "2@40", "a pilot takes a vehicle over, and keeps it"),
     FaultKind.DISK_FULL: ("", "2@40", "a companion can write nothing more to its disk"),
+    FaultKind.INSIDER: (":LIE", "2@transit:push", f"a member's beacons lie: {', '.join(Lie)}"),
 }
 
 

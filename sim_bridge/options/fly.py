@@ -42,6 +42,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="each companion a program of its own (default, without --law), or all in this one; the flight is the same "
         "to the bit",
     )
+    parser.add_argument(
+        "--signed",
+        action="store_true",
+        help="with keys of this flight: frames of the radio are signed, and the start is an order of the operator's "
+        "key; all agents in this program",
+    )
     add_entrant(parser)
     wrong = parser.add_argument_group("simulated faults", f"Besides the mission's [[sim.faults]]. {GRAMMAR}")
     for kind, (forms, example, what) in OPTIONS.items():

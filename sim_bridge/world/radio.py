@@ -65,6 +65,11 @@ class Radio:
         """Set this vehicle's radio to `range_m`."""
         self._ranges_m[vehicle_id] = range_m
 
+    @property
+    def positions(self) -> Mapping[int, Vec3]:
+        """Positions of the radios, NED m, by rising id."""
+        return self._positions
+
     def place(self, positions: Mapping[int, Vec3]) -> None:
         """Sets where the radios are: NED m, by id. One that is not among them neither sends nor hears."""
         self._positions = dict(sorted(positions.items()))

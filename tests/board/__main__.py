@@ -27,6 +27,8 @@ from pathlib import Path
 from typing import Any
 
 from companion.board import bundle
+from companion.keys.fleet_folder import file_name, make_fleet
+from companion.keys.key_file import load_keyring
 from mission.document.load import parse_mission
 from sim_bridge.drive import fly
 from sim_bridge.judge.progress import Progress
@@ -134,11 +136,11 @@ def timed(seen: list[float]) -> Iterator[None]:
 def install(userland: Userland, archive: Path, report: Report) -> str:
     """Install offline, twice; the bundle's folder in the tree."""
     folder = userland.unpack(archive)
-    key = os.urandom(32)
-    (userland.root / "root/key").write_bytes(key)
+    first, second = (make_fleet(userland.root / "root" / name, 3) for name in ("fleet", "other"))
+    given = f"/root/fleet/{file_name(BOARDS)}"
     took_s: list[float] = []
     with timed(took_s):
-        userland.offline(f"{folder}/install.sh", "--key", "/root/key")
+        userland.offline(f"{folder}/install.sh", "--key", given)
     said = userland.offline("companion", "--version").strip()
     ask = "import platform as p; print(p.machine(), 'Python', p.python_version())"
     machine = userland.offline("python3", "-c", ask)
@@ -147,14 +149,16 @@ def install(userland: Userland, archive: Path, report: Report) -> str:
         "/opt/understory/current/bin/python", "-c", "import mavsdk.asyncio; print('loads')"
     ).strip()
     report.row("MAVSDK's library, for the preflight", "loads", bindings, bindings == "loads")
-    installed = userland.root / "etc/understory/swarm.key"
-    mode = userland.offline("stat", "-c", "%a %U", "/etc/understory/swarm.key").strip()
-    good = mode == "600 understory" and installed.read_bytes() == key
+    installed = userland.root / "etc/understory/vehicle.key"
+    mode = userland.offline("stat", "-c", "%a %U", "/etc/understory/vehicle.key").strip()
+    good = mode == "600 understory" and load_keyring(installed, BOARDS) == first.keyring_of(BOARDS)
     report.row("the key", "0600, the service's", mode, good)
-    (userland.root / "root/key").write_bytes(os.urandom(32))
-    again = userland.offline(f"{folder}/install.sh", "--key", "/root/key")
-    kept = "is installed already" in again and installed.read_bytes() == key
+    other = f"/root/other/{file_name(BOARDS)}"
+    again = userland.offline(f"{folder}/install.sh", "--key", other)
+    kept = "is installed already" in again and load_keyring(installed, BOARDS) == first.keyring_of(BOARDS)
     report.row("install again", "nothing changes", "the same release, the same key" if kept else again, kept)
+    told = userland.offline("understory-install", "--replace-key", other).strip().splitlines()[0]
+    report.row("another key", "replaced", told, load_keyring(installed, BOARDS) == second.keyring_of(BOARDS))
     return folder
 
 

@@ -36,6 +36,7 @@ SPEAK = (
         "localisation/gnss_denied/localiser",
         "vehicle/requests",
         "swarm/reports",
+        "vehicle/operator_orders",
     ),
     "vehicle/autopilot_state",  # words what another says
 )

@@ -20,6 +20,7 @@ MANY = list_vehicles(range(1, 251))  # 250: the most that a mission may have
 # Every value that a message of the core names, as long as it may be.
 WIDEST = {
     "vehicle": "250",
+    "why": "hands down a false course",
     "leader": "250",
     "self._leader": "250",
     "missing": MANY,

@@ -134,7 +134,7 @@ class Air:
             ]
             back = [(b, a) for a, b in edges]
             both = [edge for edge in edges if edge in back]
-            found = self._links[key] = Links(edges, _parts(there, both), _parts(there, edges + back))
+            found = self._links[key] = Links(edges, find_parts(there, both), find_parts(there, edges + back))
         return found
 
     # --- the adversary ---
@@ -228,7 +228,7 @@ def _bars(trouble: Trouble, sender: int, receiver: int) -> bool:
     return trouble.act is Act.DEAF and (receiver, sender) == (trouble.who, trouble.other)
 
 
-def _parts(there: set[int], edges: list[Edge]) -> list[frozenset[int]]:
+def find_parts(there: set[int], edges: list[Edge]) -> list[frozenset[int]]:
     """Those that are linked, over others or not."""
     left, found = set(there), []
     while left:

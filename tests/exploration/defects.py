@@ -10,7 +10,7 @@ from tests.bench.planted_defects import Defect, plant
 from tests.bench.turns import ROOT, pure_copy
 
 ELECTION, ROSTER = "companion/core/swarm/election.py", "companion/core/swarm/roster.py"
-SWARM, PHASES = "companion/core/swarm/swarm.py", "companion/core/swarm/phases.py"
+ORDERS, PHASES = "companion/core/vehicle/operator_orders.py", "companion/core/swarm/phases.py"
 FOUR, CHAIN = "four, one trouble", "chain of four, one trouble"
 MISSION = "a mission of three, one trouble or an order"
 
@@ -61,8 +61,8 @@ DEFECTS: tuple[tuple[Defect, str], ...] = (
     (
         Defect(
             "an order to land is forgotten",
-            SWARM,
-            (("self.abort |= beacon.abort", "self.abort = beacon.abort"),),
+            ORDERS,
+            (("self.aborts |= beacon.abort", "self.aborts = beacon.abort"),),
             "latch",
         ),
         MISSION,
@@ -71,7 +71,12 @@ DEFECTS: tuple[tuple[Defect, str], ...] = (
         Defect(
             "an older phase is adopted",
             PHASES,
-            (("_progress(phase, stop) > _progress(self.phase", "_progress(phase, stop) != _progress(self.phase"),),
+            (
+                (
+                    "progress_of(phase, stop) > progress_of(self.phase",
+                    "progress_of(phase, stop) != progress_of(self.phase",
+                ),
+            ),
             "phase",
         ),
         MISSION,

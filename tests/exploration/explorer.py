@@ -81,7 +81,7 @@ def explore(air: Air, start: World, rules: Rules, bound: Bound, *, seconds: floa
                     stack.clear()
                     break
                 continue
-            if not rules.is_settled(after):
+            if not rules.is_settled(after, monitor):
                 found.settled_after = max(found.settled_after, rested)
             following = Node(after, monitor, rested, begins)
             key = hash(following)

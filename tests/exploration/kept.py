@@ -24,6 +24,12 @@ from companion.core.swarm.partition import NetworkPartition
 from companion.core.swarm.phases import Phases
 from companion.core.swarm.roster import Roster
 from companion.core.swarm.swarm import Swarm
+from companion.core.swarm.trust.blocklist import FADES, Blocklist
+from companion.core.swarm.trust.lead_watch import APART_PERIODS, LeadWatch
+from companion.core.swarm.trust.phase_gate import HEARD_PERIODS, PhaseGate, _Word
+from companion.core.swarm.trust.relay_watch import Patience
+from companion.core.swarm.trust.trust import Trust
+from companion.core.vehicle.operator_orders import FloodedOrders, OperatorOrders
 from mission.common.forming import FormingTime
 
 PERIOD_S = 0.1
@@ -89,6 +95,18 @@ def _give_tombs(value: Value, period: int) -> dict[tuple[int, int], int]:
     return {(leader, ahead + period): left for left, leader, ahead in value}
 
 
+def _take_words(words: dict[int, _Word], period: int) -> Value:
+    """Those that still count."""
+    aged = ((sender, word, round(period - word.at_s / PERIOD_S)) for sender, word in sorted(words.items()))
+    return tuple(
+        (k, word.phase, word.stop, word.leader, word.hop, age) for k, word, age in aged if age <= HEARD_PERIODS
+    )
+
+
+def _give_words(value: Value, period: int) -> dict[int, _Word]:
+    return {k: _Word(phase, stop, leader, hop, to_s(period - age)) for k, phase, stop, leader, hop, age in value}
+
+
 AS_IT_IS: Keep = (lambda value, _: value, lambda value, _: value)
 
 
@@ -129,7 +147,10 @@ PARTITION: dict[str, Keep] = {
 PHASES: dict[str, Keep] = {
     "phase": AS_IT_IS,
     "stop": AS_IT_IS,
+    "saw_begin": AS_IT_IS,
     "_started": AS_IT_IS,
+    "_ticked_s": _age(1),
+    # By a clock that stands still while an operator holds the swarm: see `Shelf`.
     "_met_since_s": _age(SECOND),
     "_arrived_s": _age(CLOSE_UP),
     # It always comes nearer to its goal here: none is stuck.
@@ -137,9 +158,38 @@ PHASES: dict[str, Keep] = {
     "_nearer_s": new(to_s),
     "_led_s": new(lambda _: -math.inf),
 }
+OPERATOR: dict[str, Keep] = {"started": AS_IT_IS, "aborts": AS_IT_IS, "lands": AS_IT_IS, "_holds": AS_IT_IS}
+BLOCKLIST: dict[str, Keep] = {
+    "_proven": (lambda proven, _: tuple(sorted(proven)), lambda proven, _: set(proven)),
+    "_doubts": (
+        lambda doubts, _: tuple(sorted((k, round(doubt / FADES)) for k, doubt in doubts.items())),
+        lambda doubts, _: {k: steps * FADES for k, steps in doubts},
+    ),
+    # For a minute since it contradicted last: longer than is explored. Only whether it is blocked is kept.
+    "_doubted": (
+        lambda doubted, _: tuple(sorted(doubted)),
+        lambda doubted, period: dict.fromkeys(doubted, to_s(period)),
+    ),
+    "_news": new(lambda _: []),  # said to an operator
+}
+LEADS: dict[str, Keep] = {
+    "_usurpers": (lambda usurpers, _: tuple(sorted(usurpers)), lambda usurpers, _: set(usurpers)),
+    # All stand still here, and no time of a mission's is up: no leader gets lost, or nowhere.
+    "_phase": new(lambda _: SwarmPhase.ASSEMBLE),
+    "_way_ned_m": new(lambda _: []),
+    "_left": new(lambda _: 0),
+    "_moved_ned_m": new(lambda _: None),
+    "_moved_s": new(to_s),
+}
+GATE: dict[str, Keep] = {
+    "_words": (_take_words, _give_words),
+    # The same
+    "_pos_ned_m": new(lambda _: None),
+    "_from_ned_m": new(lambda _: None),
+    "_farthest_m": new(lambda _: 0.0),
+}
+PATIENCE: dict[str, Keep] = {"_since_s": new(lambda _: {}), "_over_s": new(lambda _: {})}  # of speed: decides nothing
 SWARM: dict[str, Keep] = {
-    "started": AS_IT_IS,
-    "abort": AS_IT_IS,
     "launched": AS_IT_IS,
     "route": new(lambda _: None),  # found anew before it is asked for
     "governor": new(lambda _: 1.0),
@@ -147,7 +197,7 @@ SWARM: dict[str, Keep] = {
 # The same in all states, made of the mission or of what is not explored; or kept by hand below.
 CONSTANT: dict[type, Sequence[str]] = {
     Election: ("me", "priority", "_patience", "_hop_limit", "_reelection_periods", "_held", "_own_seq"),
-    Roster: ("_me", "_everyone"),
+    Roster: ("_me", "_everyone", "_excluded"),  # as the blocklist
     NetworkPartition: (
         "recovery",
         "_timer",
@@ -157,11 +207,42 @@ CONSTANT: dict[type, Sequence[str]] = {
         "_layer_m",
         "_clear_m",
     ),
-    Phases: ("_visits", "_mission", "_all", "_majority", "_gather_limit_s", "_since_s", "_forming"),
+    Phases: (
+        "_visits",
+        "_mission",
+        "_all",
+        "_majority",
+        "gather_limit_s",
+        "since_s",
+        "_forming",
+        "_held_s",
+        "_held_before_s",
+    ),
+    OperatorOrders: (),
+    FloodedOrders: (),
+    Blocklist: ("_most",),
+    Patience: (),
+    LeadWatch: ("_apart_s", "_beacons", "_holds", "_limits_s", "_width_m"),
+    PhaseGate: ("_me", "_heard_s", "_durations_s", "_at_end", "_back_m", "may_turn_back"),
+    Trust: (
+        "_me",
+        "_priorities",
+        "blocklist",
+        "gate",
+        "_leads",
+        "_patience",
+        "_range_m",
+        "_fastest_mps",
+        "_least_range_m",
+        "_period_s",
+        "_own_words_s",
+    ),
     Swarm: (
         "me",
+        "operator",
         "_reception",
         "_priorities",
+        "trust",
         "election",
         "phases",
         "roster",
@@ -172,8 +253,6 @@ CONSTANT: dict[type, Sequence[str]] = {
         "_reports",
         "_mission",
         "_size",
-        "_fastest_mps",
-        "_least_range_m",
         "_period_s",
     ),
 }
@@ -188,10 +267,16 @@ class Shelf:
         self._swarm = swarm
         parts = (
             (swarm, SWARM),
+            (swarm.operator, OPERATOR),
             (swarm.election, ELECTION),
             (swarm.roster, ROSTER),
             (swarm.partition, PARTITION),
             (swarm.phases, PHASES),
+            (swarm.trust, {}),
+            (swarm.trust.blocklist, BLOCKLIST),
+            (swarm.trust.gate, GATE),
+            (swarm.trust._leads, LEADS),
+            (swarm.trust._patience, PATIENCE),
         )
         for part, kept in parts:
             unknown = set(_fields(part)) - kept.keys() - set(CONSTANT[type(part)])
@@ -203,27 +288,79 @@ class Shelf:
         """The value at the end of a `period`. `clock`: by how much the vehicle's own is off."""
         election, phases = self._swarm.election, self._swarm.phases
         own = max(HOP_LIMIT + clock - 1, election._own_seq - period)  # below, its next claim counts from the clock
-        since = min(SECOND, round(period + clock - phases._since_s / PERIOD_S)) if phases.phase in TIMED_PHASES else 0
         held = min(election._patience, election._held) if election.leads else 0
-        rest = [take(getattr(part, name), _now(name, period, clock)) for part, name, take, _ in self._fields]
-        return (own, since, held, *rest)
+        stood = round(phases._held_s / PERIOD_S)
+        since = 0
+        if phases.phase in TIMED_PHASES:
+            since = min(SECOND, round(period + clock - stood - phases.since_s / PERIOD_S))
+        stood_now = stood - round(
+            phases._held_before_s / PERIOD_S
+        )  # in this phase: counts as time that may have passed
+        own_words = self._take_own_words(period, clock)
+        rest = [
+            take(getattr(part, name), _now(part, name, period, clock, stood)) for part, name, take, _ in self._fields
+        ]
+        return (own, since, held, min(SECOND, stood_now), own_words, *rest)
 
     def give(self, value: Value, period: int, clock: int) -> None:
         """The other way round."""
-        election, phases = self._swarm.election, self._swarm.phases
-        own, since, held, *rest = value
+        election, phases, blocklist = self._swarm.election, self._swarm.phases, self._swarm.trust.blocklist
+        own, since, held, stood, own_words, *rest = value
         election._own_seq, election._held = own + period, held
         for (part, name, _, give), kept in zip(self._fields, rest, strict=True):
-            setattr(part, name, give(kept, _now(name, period, clock)))
-        phases._since_s = to_s(period + clock - since)
-        phases._forming = FormingTime(phases._visits[phases.stop].duration_s, phases._since_s)
+            setattr(part, name, give(kept, _now(part, name, period, clock, stood)))
+        phases._held_s, phases._held_before_s = to_s(stood), 0.0
+        phases.since_s = to_s(period + clock - stood - since)
+        phases._forming = FormingTime(phases._visits[phases.stop].duration_s, phases.since_s)
+        self._give_own_words(own_words, period, clock)
+        self._swarm.roster.exclude(blocklist.bits())
         self._swarm.partition._timer.end()
         self._swarm.take_reports()
 
+    def _take_own_words(self, period: int, clock: int) -> Value:
+        """What each member's own beacon said last of the leader: of one that said that it leads, the lease; and when.
 
-def _now(name: str, period: int, clock: int) -> int:
-    """Times are the vehicle's own, counts of leases are everybody's."""
-    return period + clock if name.endswith("_s") else period
+        And of a leader the count that it should have by now, as far as another's word of it is held against that.
+        """
+        trust, found = self._swarm.trust, []
+        for sender, (at_s, lease) in sorted(trust._leads._beacons.items()):
+            age = round(period + clock - at_s / PERIOD_S)
+            if age > APART_PERIODS:
+                continue  # as if it had never been heard
+            if lease is None or lease.leader != sender:
+                found.append((sender, age, None, None))
+                continue
+            believed = trust._own_words_s.get(sender)
+            seq, said_s = (lease.seq, to_s(period + clock)) if believed is None else believed
+            ahead = seq - (round(said_s / PERIOD_S) - clock)
+            ends = lease.ends - period if lease.ends else None
+            found.append(
+                (sender, age, (ahead, ends, lease.established, lease.heir, lease.quorum), believed is not None)
+            )
+        return tuple(found)
+
+    def _give_own_words(self, value: Value, period: int, clock: int) -> None:
+        trust = self._swarm.trust
+        trust._leads._beacons, trust._own_words_s = {}, {}
+        for sender, age, said, is_believed in value:
+            lease = None
+            if said is not None:
+                ahead, ends, established, heir, quorum = said
+                seq = ahead + period
+                lease = Lease(sender, seq, 0, 0, established, heir, 0 if ends is None else ends + period, quorum)
+                if is_believed:
+                    trust._own_words_s[sender] = (seq, to_s(period + clock))
+            trust._leads._beacons[sender] = (to_s(period + clock - age), lease)
+
+
+MISSION_TIMES = ("_met_since_s", "_arrived_s", "_nearer_s")  # that stand still while the swarm is held
+
+
+def _now(part: object, name: str, period: int, clock: int, stood: int) -> int:
+    """Times are the vehicle's own, counts of leases are everybody's. `stood`: periods for which it has been held."""
+    if name in MISSION_TIMES:
+        return period + clock - stood
+    return period + clock if name.endswith("_s") or isinstance(part, (PhaseGate, Blocklist)) else period
 
 
 def _fields(part: Any) -> list[str]:

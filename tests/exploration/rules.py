@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from companion.core.swarm.phases import TRANSITIONS
 from companion.core.swarm.roster import NO_MAJORITY
-from tests.exploration.air import GONE, Act, Air, World
+from tests.exploration.air import GONE, Act, Air, World, find_parts
 from tests.exploration.kept import PERIOD_S
 from tests.exploration.vehicle import STALE_PERIODS, Seen
 from tests.unit.core.core_election_net import acting_within, failover_within, overlap_within, recovery_within
@@ -100,25 +100,28 @@ class Rules:
             yield f"two exclusive leaders: {who}"
         if monitor.together > self.bounds.together and not monitor.lied:
             yield f"two leaders: in one part for more than {self.bounds.together} periods"
-        if rested >= self.limit(monitor) and not self.is_settled(after):
+        if rested >= self.limit(monitor) and not self.is_settled(after, monitor):
             leaders = {k: one.leader for k, one in new.items()}
             yield f"liveness: no agreement {rested} periods after the adversary's last act: {leaders}"
-        yield from self._find_unheard_orders(after, rested)
+        yield from self._find_unheard_orders(after, monitor, rested)
 
     def limit(self, monitor: Monitor) -> int:
         """After so many periods of rest a swarm has settled."""
         return self.bounds.settled_after_lies if monitor.lied else self.bounds.settled
 
-    def is_settled(self, world: World) -> bool:
-        """One acts in each part in which any is able to, and all there follow it."""
+    def is_settled(self, world: World, monitor: Monitor) -> bool:
+        """One acts in each part in which any is able to, and all there follow it; who is not believed follows, too."""
         if any(trouble.act in UNSETTLED for trouble in world.troubles):
             return True
-        seen, parts = self._seen(world), self.air.links(world).parts
-        for part in parts:
+        seen = self._seen(world)
+        for part in self._find_parts(world, monitor):
             here = [seen[k] for k in part]
             if not any(one.able for one in here):
                 continue
-            if sum(one.acts for one in here) != 1 or len({one.leader for one in here}) != 1:
+            leaders = {one.leader for one in here}
+            acting = [k for k in part if seen[k].acts]
+            is_led = acting or (monitor.lied and any(k in seen and seen[k].acts for k in leaders))
+            if len(leaders) != 1 or len(acting) > 1 or not is_led:
                 return False
         return True
 
@@ -133,12 +136,21 @@ class Rules:
             if not heard and not (by_table and new.acts and new.quorum):
                 yield f"phase: vehicle {k} enters {new.phase.name} after {old.phase.name} by nobody's word"
 
-    def _find_unheard_orders(self, world: World, rested: int) -> Iterator[str]:
+    def _find_unheard_orders(self, world: World, monitor: Monitor, rested: int) -> Iterator[str]:
         """An order to land is known to all that are linked to one that knows it, a hop a period."""
-        seen, parts = self._seen(world), self.air.links(world).parts
-        for part in parts:
+        seen = self._seen(world)
+        for part in self._find_parts(world, monitor):
             if rested >= len(part) and len({seen[k].abort for k in part}) > 1:
                 yield f"abort: not known to all of {sorted(part)} after {rested} periods"
+
+    def _find_parts(self, world: World, monitor: Monitor) -> list[frozenset[int]]:
+        """Those that are linked both ways; and once a member has lied, believe each other."""
+        links = self.air.links(world)
+        if not monitor.lied:
+            return links.parts
+        seen = self._seen(world)
+        believed = {(a, b) for a, b in links.edges if not seen[b].blocks >> (a - 1) & 1}
+        return find_parts(set(seen), [(a, b) for a, b in believed if (b, a) in believed])
 
     def _seen(self, world: World) -> dict[int, Seen]:
         return {k: self.air.fleet.seen(m) for k, m in enumerate(world.members, start=1) if m != GONE}

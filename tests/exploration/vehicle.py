@@ -14,16 +14,17 @@ from companion.core.localisation.peer_table import PeerContact, PeerContacts
 from companion.core.model.beacon import Beacon, Lease
 from companion.core.model.events import Position
 from companion.core.model.neighbour import Neighbour
-from companion.core.model.states import STEERED, FlightState, Reception, Role, SwarmPhase
+from companion.core.model.states import STEERED, FlightState, Order, Reception, Role, SwarmPhase
 from companion.core.model.vectors import ZERO
 from companion.core.swarm.election import ECHO_PERIODS
-from companion.core.swarm.phases import _progress
+from companion.core.swarm.phases import progress_of
 from companion.core.swarm.picture import Picture
 from companion.core.swarm.swarm import LISTEN_S, Swarm
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import Response
 from companion.core.vehicle.flight import NOT_OURS
 from companion.core.vehicle.flight_table import EVENT_OF_PHASE, IN_FLIGHT
+from companion.core.vehicle.operator_orders import FloodedOrders
 from mission.document.model import Mission
 from tests.exploration.kept import EPOCH, PERIOD_S, Shelf, Value, give_lease, take_lease, to_s
 
@@ -65,6 +66,7 @@ class Seen(NamedTuple):
     landed: bool
     flown: int
     able: bool  # it may lead
+    blocks: int  # whose words do not count; bit k-1 for vehicle k
     role: Role
 
 
@@ -87,7 +89,7 @@ class Fleet:
         self._member_numbers: dict[tuple[int, Member], int] = {}
         self.said: list[Said] = []
         self._said_numbers: dict[Said, int] = {}
-        self._swarms = [Swarm(mission, k) for k in range(1, self.size + 1)]
+        self._swarms = [Swarm(mission, k, FloodedOrders()) for k in range(1, self.size + 1)]
         self._shelves = [Shelf(swarm) for swarm in self._swarms]
         self._new = [shelf.take(EPOCH, 0) for shelf in self._shelves]
         self._runs: dict[int, tuple[int, int]] = {}
@@ -133,7 +135,7 @@ class Fleet:
         """A companion has started, on the ground or in the air; it knows nothing."""
         shelf, swarm = self._shelves[vehicle - 1], self._swarms[vehicle - 1]
         shelf.give(self._new[vehicle - 1], EPOCH, clock)
-        swarm.phases._since_s = to_s(EPOCH + clock)
+        swarm.phases.since_s = to_s(EPOCH + clock)
         state = FlightState.WAITING if airborne else FlightState.READY
         value = shelf.take(EPOCH, clock)
         return self.number(vehicle, Member(value, state, airborne, False, False, False, clock, 0, (None,) * self.size))
@@ -143,9 +145,9 @@ class Fleet:
         vehicle, member = self._members[number]
         swarm = self._give(vehicle, member)
         if start:
-            swarm.allow_start()
+            swarm.operator.obey(Order.START)
         if land:
-            swarm.land_all()
+            swarm.operator.obey(Order.ABORT)
         return self.number(vehicle, member._replace(swarm=self._shelves[vehicle - 1].take(EPOCH, member.clock)))
 
     def weaken(self, number: int) -> int:
@@ -226,7 +228,7 @@ class Fleet:
         vehicle, member = self._members[number]
         beacon, lease = self.said[said]
         swarm = self._give(vehicle, member)
-        told = swarm.sanitise_beacon(replace(beacon, lease=give_lease(lease, EPOCH)))
+        told = swarm.sanitise_beacon(replace(beacon, lease=give_lease(lease, EPOCH)), to_s(EPOCH + member.clock))
         swarm.receive_beacon(told, to_s(EPOCH + member.clock))
         kept = None if told.lease is None else replace(TOLD, leader=told.lease.leader)
         heard = list(member.heard)
@@ -315,14 +317,15 @@ class Fleet:
             counted=member.counted,
             quorum=lease is not None and lease.quorum,
             phase=phases.phase,
-            progress=_progress(phases.phase, phases.stop),
-            started=swarm.started,
-            abort=swarm.abort,
+            progress=progress_of(phases.phase, phases.stop),
+            started=swarm.operator.started,
+            abort=swarm.operator.aborts,
             airborne=member.airborne,
             landed=member.state is FlightState.LANDED,
             flown=swarm.roster.flown,
             able=member.state not in NOT_OURS
             and not member.weak
             and (member.state in STEERED or phases.phase <= SwarmPhase.GATHER),
+            blocks=swarm.trust.blocklist.bits(),
             role=election.role,
         )

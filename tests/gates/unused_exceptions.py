@@ -16,12 +16,15 @@ _.satellites_visible  # MAVLink messages of GNSS receivers
 _.daemon_threads  # socketserver
 _.block_on_close
 _.allow_reuse_address
+_.request_queue_size
 _.handle_error
 _.server_version  # http.server
 _.sys_version
 _.do_GET
 _.close_connection
+_.handle
 _.log_message
+_.writable  # io
 _.description  # argparse
 _.formatter_class
 _.text_factory  # sqlite3
@@ -37,7 +40,6 @@ __getattr__  # Python: of a module whose parts are imported when they are asked 
 _.time_utc  # preflight's report
 _.min_zoom  # watch: what the page is told of a chart
 _.max_zoom
-_.bounds_deg
 _.corners_deg
 _.size_px
 _.attribution

@@ -16,6 +16,7 @@ import pytest
 from interop_kit import HAPPEN_LIMIT_S, Served, Station, child, listening, mavlink, serving
 
 from companion.mavlink.endpoint import COMPONENT
+from tests.unit.keys.keys_kit import key_file, operator_of, vehicle_of
 
 pytestmark = pytest.mark.interop
 
@@ -96,8 +97,10 @@ def set_parameter(station: Station, name: str, value: int | float) -> None:
 
 
 def test_bad_parameters_fail_are_set_by_apply_and_stay(served: Served, tmp_path: Path) -> None:
-    _, report, errors = preflight(served, "--apply")
+    key = str(key_file(tmp_path / "vehicle.key", vehicle_of(operator_of(2), ME)))
+    _, report, errors = preflight(served, "--apply", "--key", key)
     assert (failed(report), errors) == (set(), "")
+    assert found(report, "key").startswith(f"vehicle {ME}, fleet ")
     assert report["autopilot"] == "px4"
     assert report["version"] == "1.16.0"
     with listening(served) as station:
@@ -115,9 +118,11 @@ def test_bad_parameters_fail_are_set_by_apply_and_stay(served: Served, tmp_path:
     passes(served, ME)
 
 
-def test_wrong_id_fails_and_a_silent_or_taken_port_is_the_environments(served: Served) -> None:
-    code, report, _ = preflight(served, vehicle_id=COPTER)
-    assert (code, failed(report)) == (1, {"id"})
+def test_wrong_id_fails_and_a_silent_or_taken_port_is_the_environments(served: Served, tmp_path: Path) -> None:
+    key = str(key_file(tmp_path / "vehicle.key", vehicle_of(operator_of(2), ME)))
+    code, report, _ = preflight(served, "--key", key, vehicle_id=COPTER)
+    assert (code, failed(report)) == (1, {"id", "key"})
+    assert f"is vehicle {ME}: must be vehicle {COPTER}" in found(report, "key")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]

@@ -9,6 +9,7 @@ import os
 import re
 import shlex
 import shutil
+import stat
 import subprocess
 import sys
 import tarfile
@@ -19,6 +20,9 @@ from types import ModuleType
 import pytest
 
 from companion.cli import build_parser
+from companion.keys.key_file import KeyFileError, load_keyring, parse_keyring
+from companion.keys.keyring import Keyring
+from tests.unit.keys.keys_kit import key_file, operator_of, vehicle_of
 
 ROOT = Path(__file__).parents[2]
 BOARD = ROOT / "companion" / "board"
@@ -87,12 +91,22 @@ def test_the_service_is_as_exposed_as_the_guide_says() -> None:
 
 
 def test_the_unit_starts_what_the_program_understands() -> None:
-    values = {**environment(), "UNDERSTORY_ID": "3"}
+    values = {**environment(), "UNDERSTORY_ID": "3", "CREDENTIALS_DIRECTORY": "/run/credentials"}
     command = re.sub(r"\$\{?(\w+)\}?", lambda match: values[match[1]], directive("ExecStart"))
     program, *arguments = shlex.split(command)
     assert program == "/opt/understory/current/bin/companion"
     parsed = build_parser().parse_args(arguments)
     assert (parsed.id, parsed.clock) == (3, "monotonic")
+
+
+def test_the_service_is_given_the_key_that_the_installer_places() -> None:
+    name, _, path = directive("LoadCredential").partition(":")
+    assert f"KEY=$CONFIG/{Path(path).name}" in INSTALLER.read_text()
+    assert path.startswith("/etc/understory/")
+    stand_in, _, text = directive("SetCredential").partition(":")
+    assert stand_in == name
+    with pytest.raises(KeyFileError, match="no key is installed"):
+        parse_keyring(text, path)
 
 
 def test_the_service_comes_back_and_is_watched() -> None:
@@ -124,6 +138,26 @@ def unpacked(bundle: ModuleType, tmp_path: Path) -> Path:
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(data.read())
     return tmp_path / "b"
+
+
+def replace_key(folder: Path, keyring: Keyring | None) -> subprocess.CompletedProcess[str]:
+    """`understory-install --replace-key` of this keyring, on a board that is vehicle 2's and lies in `folder`."""
+    board = {"PREFIX": folder / "opt", "CONFIG": folder / "etc", "USER_NAME": "root"}
+    text = INSTALLER.read_text().replace("[ -d /run/systemd/system ]", "false")
+    for name, value in board.items():
+        text = re.sub(rf"^{name}=.*$", f"{name}={value}", text, flags=re.MULTILINE)
+    program = folder / "opt" / "current" / "bin" / "companion"
+    if not program.exists():
+        program.parent.mkdir(parents=True)
+        program.write_text(f'#!/bin/sh\nexec {sys.executable} -m companion "$@"\n')
+        program.chmod(0o755)
+        (folder / "etc").mkdir()
+        (folder / "etc" / "companion.env").write_text("# \nUNDERSTORY_ID=2\n")
+    (folder / "install.sh").write_text(text)
+    given = key_file(folder / "given", keyring or operator_of(), 0o644)  # as scp leaves it
+    if keyring is None:
+        given.write_bytes(bytes(range(32)))
+    return run_installer(folder, "--replace-key", str(given))
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="the installer asks for root first")
@@ -158,7 +192,31 @@ class TestInstaller:
         done = run_installer(unpacked, "--key", "/nowhere/key", "--python", sys.executable)
         assert (done.returncode, "/nowhere/key" in done.stderr) == (2, True)
 
-    @pytest.mark.parametrize("options", [["--sideways"], ["--key"]])
+    def test_a_key_replaces_the_one_that_is_there_if_it_is_this_vehicles(self, tmp_path: Path) -> None:
+        key = tmp_path / "etc" / "vehicle.key"
+        done = replace_key(tmp_path, vehicle_of(operator_of(), 2))
+        assert (done.returncode, done.stdout) == (
+            0,
+            f"understory: made {key}, of vehicle 2\n"
+            "understory: no systemd is running here: the unit is in /etc/systemd/system, nothing was started\n",
+        )
+        assert load_keyring(key, 2) == vehicle_of(operator_of(), 2)
+        assert stat.S_IMODE(key.stat().st_mode) == 0o600
+        before = key.read_bytes()
+        for wrong, message in (
+            (vehicle_of(operator_of(), 3), "is the key file of vehicle 3, and this is vehicle 2"),
+            (operator_of(), "is the key file of the operator, and this is vehicle 2"),
+            (None, "no key file, see above"),
+        ):
+            done = replace_key(tmp_path, wrong)
+            assert (done.returncode, message in done.stderr) == (2, True)
+            assert [path.name for path in key.parent.glob("vehicle.key*")] == ["vehicle.key"]
+            assert key.read_bytes() == before
+        (key.parent / "companion.env").write_text("UNDERSTORY_ID=\n")
+        assert replace_key(tmp_path, vehicle_of(operator_of(), 3)).returncode == 0
+        assert "the operator, and this is vehicle 1 to 250" in replace_key(tmp_path, operator_of()).stderr
+
+    @pytest.mark.parametrize("options", [["--sideways"], ["--key"], ["--replace-key"]])
     def test_wrong_usage(self, options: list[str]) -> None:
         assert run_installer(BOARD, *options).returncode == 2
 

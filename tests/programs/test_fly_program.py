@@ -106,6 +106,15 @@ def test_flight_goes_on_where_nobody_can_be_shown_anything(redirection: str, tmp
     assert (tmp_path / "run" / "report.html").is_file()
 
 
+def test_signed_flight_is_one_in_process(tmp_path: Path) -> None:
+    done = sim_bridge("fly", str(one(tmp_path)), "--signed", "--out", str(tmp_path / "run"), "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["verdict"] == "ARRIVED"
+    refused = sim_bridge("fly", str(one(tmp_path)), "--signed", "--agents", "processes")
+    assert refused.returncode == 2
+    assert "--signed: companions that are processes read their keys from files" in refused.stderr
+
+
 def test_verdict_that_cannot_be_written_is_an_error_in_a_line_and_the_flight_is_kept(tmp_path: Path) -> None:
     with open("/dev/full", "wb") as full:
         command = [*FLY_ONE, str(one(tmp_path)), "--out", str(tmp_path / "run")]

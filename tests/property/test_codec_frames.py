@@ -31,6 +31,7 @@ OWN = {
     dialect.MAVLINK_MSG_ID_SWARM_RECORD_VECTOR,
     dialect.MAVLINK_MSG_ID_SWARM_RECORD,
     dialect.MAVLINK_MSG_ID_SWARM_MANIFEST,
+    dialect.MAVLINK_MSG_ID_SWARM_ORDER,
     dialect.MAVLINK_MSG_ID_PROTOCOL_VERSION,
 }
 STANDARD = sorted(set(dialect.mavlink_map) - OWN)

@@ -31,6 +31,7 @@ FROM_OUTSIDE = [
     Cause.TELEMETRY_LATE,
     Cause.OBSTACLES_STALE,
     Cause.NO_HEARTBEAT,
+    Cause.OPERATOR_HOLDS,
     Cause.NO_NEIGHBOUR,
     Cause.NO_LEADER,
     Cause.NO_MAJORITY,
@@ -120,7 +121,9 @@ class Steered:
         self.flight.receive(Landed(LandedState.IN_AIR), self.now_s)
         self.flight.receive(Position((0.0, 0.0, -8.0), ZERO), self.now_s)
         findings = [Finding(cause) for cause in found]
-        return self.flight.update_flight(SwarmPhase.TRANSIT, self.now_s, findings=findings, may_join=may_join)
+        return self.flight.update_flight(
+            SwarmPhase.TRANSIT, self.now_s, findings=findings, may_join=may_join, may_take_off=True
+        )
 
 
 @given(st.sampled_from(list(SHOWN)), st.booleans(), st.sets(st.sampled_from(FROM_OUTSIDE)).map(list))

@@ -59,7 +59,7 @@ class Vehicle:
         receive(Landed(self.landed), self.now_s)
         found = self.flight.vehicle.findings(self.now_s)
         found += [Finding(Cause.LAND_ALL)] * land_now + [Finding(Cause.NO_LEADER)] * hold
-        out = self.flight.update_flight(phase, self.now_s, findings=found, may_join=may_join)
+        out = self.flight.update_flight(phase, self.now_s, findings=found, may_join=may_join, may_take_off=True)
         self.asked = [action.request for action in out if isinstance(action, Ask)]
         if self.obeys:
             self._obey()

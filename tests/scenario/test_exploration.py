@@ -6,6 +6,7 @@ import pytest
 
 from companion.core.swarm.roster import Roster
 from companion.core.swarm.swarm import Swarm
+from companion.core.vehicle.operator_orders import FloodedOrders
 from tests.bench.planted_defects import Defect
 from tests.exploration.air import Act, Air, Trouble
 from tests.exploration.defects import DEFECTS, find
@@ -42,4 +43,4 @@ def test_the_same_state_later_is_the_same_value() -> None:
 def test_a_field_that_no_table_knows_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Roster, "__slots__", (*Roster.__slots__, "news"))
     with pytest.raises(ValueError, match="Roster: news: say how it is kept"):
-        Shelf(Swarm(small_mission(3), 1))
+        Shelf(Swarm(small_mission(3), 1, FloodedOrders()))

@@ -126,7 +126,7 @@ def test_companion_that_stood_still_in_the_climb_lands_when_ordered_to() -> None
     swarm.hung.add(2)
     swarm.run(1.0)
     swarm.hung.clear()
-    swarm.order(3, Order.LAND_ALL)
+    swarm.order(3, Order.ABORT)
     swarm.until("LANDED", limit_s=20.0)
 
 

@@ -8,30 +8,38 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import final
+from typing import Final, final
 
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.vectors import ZERO, add, norm, scale, sub
 from mission.common.frames import Vec3, enu_to_ned
 from mission.document.model import Mission
 
+FOLLOW_M: Final = 3.0  # that others' words count at once: odometry and they differ by less from moment to moment
+TOLD_S: Final = 1.0
+FOLLOW_MPS: Final = 0.5  # and for longer: how fast odometry may drift, and a leader goes over to GNSS
+
 
 @final
 class Destination:
     """One vehicle's: `ned_m` is the vector, None until it is known."""
 
-    __slots__ = ("_at_ned_m", "_stop", "_stops_ned_m", "lag_m", "ned_m")
+    __slots__ = ("_at_ned_m", "_kept_ned_m", "_kept_s", "_stop", "_stops_ned_m", "_told_until_s", "lag_m", "ned_m")
 
     def __init__(self, mission: Mission) -> None:
         self.ned_m: Vec3 | None = None
         self.lag_m = 0.0  # how far a leader's is from what GNSS says
         self._stops_ned_m = [enu_to_ned(visit.pos_enu_m) for visit in mission.visits]
         self._at_ned_m: Vec3 | None = None  # odometry reading that goes with it
+        self._kept_ned_m: Vec3 | None = None  # a follower's by its own odometry, which others' words bring round slowly
+        self._kept_s = 0.0
+        self._told_until_s = -math.inf  # others' words count alone
         self._stop = 0  # index of the visit that it leads to
 
     def update_leader(self, pos_ned_m: Vec3, stop: int) -> None:
         """From a position in the mission's frame. `stop`: index of the visit."""
         self.ned_m = sub(self._stops_ned_m[stop], pos_ned_m)
+        self._keep_as_leader()
         self._note(pos_ned_m, stop)
 
     def update_anchored_leader(self, pos_ned_m: Vec3, stop: int, fix_ned_m: Vec3 | None, most_m: float) -> None:
@@ -48,19 +56,39 @@ class Destination:
             if fix_ned_m is not None:
                 dest, self.lag_m = _approach(dest, sub(stop_ned_m, fix_ned_m), most_m)
             self.ned_m = dest
+        self._keep_as_leader()
         self._note(pos_ned_m, stop)
 
-    def update_follower(self, pos_ned_m: Vec3, stop: int, upstream: Sequence[Neighbour]) -> None:
-        """From the neighbours nearer to the leader, else by odometry."""
+    def update_follower(self, pos_ned_m: Vec3, stop: int, upstream: Sequence[Neighbour], now_s: float) -> None:
+        """From the neighbours nearer to the leader, as far as the own odometry bears them out; else by odometry."""
         received = [n.dest_ned_m for n in upstream if n.dest_ned_m is not None]
         if received:
             total = ZERO
             for vector in received:
                 total = add(total, vector)
-            self.ned_m = scale(total, 1.0 / len(received))
+            self.ned_m = self._bring_round(scale(total, 1.0 / len(received)), pos_ned_m, stop, now_s)
         elif self.ned_m is not None and self._at_ned_m is not None:
-            self.ned_m = sub(self.ned_m, sub(pos_ned_m, self._at_ned_m))
+            self.ned_m = self._kept_ned_m = sub(self.ned_m, sub(pos_ned_m, self._at_ned_m))
+            self._kept_s = now_s
         self._note(pos_ned_m, stop)
+
+    def forget_odometry(self) -> None:
+        """It did not know where it is among the others: until it does, their words count alone."""
+        self._kept_ned_m = None
+
+    def _bring_round(self, received: Vec3, pos_ned_m: Vec3, stop: int, now_s: float) -> Vec3:
+        """The received vector, or as near to it as a false word may bring this vehicle now."""
+        kept, at = self._kept_ned_m, self._at_ned_m
+        if stop != self._stop:  # to another tree: how far apart they are, it is told, by one after the other
+            self._told_until_s = now_s + TOLD_S
+        if kept is None or at is None or now_s < self._told_until_s:
+            self._kept_ned_m, self._kept_s = received, now_s
+            return received
+        kept = sub(kept, sub(pos_ned_m, at))
+        since_s, self._kept_s = max(0.0, now_s - self._kept_s), now_s
+        self._kept_ned_m, _ = _approach(kept, received, FOLLOW_MPS * since_s)
+        found, _ = _approach(self._kept_ned_m, received, FOLLOW_M)
+        return found
 
     def offset_ned_m(self, pos_ned_m: Vec3) -> Vec3:
         """The position in the mission's frame less `pos_ned_m`, level, if the vector is true; ZERO: it is not known."""
@@ -76,6 +104,10 @@ class Destination:
             return 0.0
         away_m = math.hypot(dest[0], dest[1])
         return (ref_ned_mps[0] * dest[0] + ref_ned_mps[1] * dest[1]) / away_m if away_m > 0.0 else 0.0
+
+    def _keep_as_leader(self) -> None:
+        """Its own is what it goes on from when it follows again."""
+        self._kept_ned_m, self._kept_s = self.ned_m, math.inf
 
     def _note(self, pos_ned_m: Vec3, stop: int) -> None:
         self._at_ned_m = pos_ned_m

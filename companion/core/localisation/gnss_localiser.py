@@ -98,7 +98,7 @@ class GnssLocaliser(Localiser):
         self,
         pos_ned_m: Vec3,
         upstream: Sequence[Neighbour],
-        now_s: float,  # noqa: ARG002
+        now_s: float,
         *,
         role: Role,
         stop: int,
@@ -107,7 +107,7 @@ class GnssLocaliser(Localiser):
         if role is Role.LEADER:
             self.destination.update_leader(pos_ned_m, stop)
         else:
-            self.destination.update_follower(pos_ned_m, stop, upstream)
+            self.destination.update_follower(pos_ned_m, stop, upstream, now_s)
 
     def missing(self, now_s: float) -> str:  # noqa: ARG002
         """Nothing."""

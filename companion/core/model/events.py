@@ -217,9 +217,13 @@ class AutopilotText:
 
 @dataclass(frozen=True, slots=True)
 class OperatorOrder:
-    """A command to this companion from a ground station."""
+    """An operator's order to this companion.
+
+    `hands_back`: it names this vehicle, which is steered again though a pilot has taken it over.
+    """
 
     order: Order
+    hands_back: bool = True
 
 
 AutopilotEvent = Position | BootTime | AutopilotMode | AutopilotHealth | Landed | Answer | AutopilotText

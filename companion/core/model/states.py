@@ -111,8 +111,10 @@ class Severity(IntEnum):
 class Order(Enum):
     """Commands of an operator to a companion."""
 
-    START = "start"  # MAV_CMD_MISSION_START: fly the mission; also hands control back after a pilot took it
-    LAND_ALL = "land all"  # MAV_CMD_NAV_LAND: every vehicle lands where it is; cannot be taken back
+    START = "start"  # fly the mission, or go on with it after a HOLD
+    HOLD = "hold"  # every vehicle holds where it is, until a START
+    LAND = "land"  # the swarm spreads out level and lands, as at the mission's end; cannot be taken back
+    ABORT = "abort"  # every vehicle lands where it is, now; cannot be taken back
 
 
 class Request(Enum):

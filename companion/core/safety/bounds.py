@@ -42,16 +42,37 @@ def find_nearest(desired: Vec3, limits: Sequence[Bound], separations: Sequence[B
     v = keep_within(ZERO, limits)
     if not holds(v, limits):
         return ZERO
+    # Who is to be got away from gives first: its word, which may be false, moves nobody at a third vehicle.
+    found = _relax(separations, limits, gives_all=False)
+    if found is None:
+        found = _relax(separations, limits, gives_all=True)
+    return v if found is None else found
+
+
+def _relax(separations: Sequence[Bound], limits: Sequence[Bound], *, gives_all: bool) -> Vec3 | None:
+    """Near rest, within all bounds when those of `separations` give as little as can be; None: there is no such.
+
+    `gives_all`: else those that ask to get away, and no further than to rest.
+    """
+    found: Vec3 | None = None
     low, high = 0.0, max((-bound.most_mps for bound in separations), default=0.0)
-    for _ in range(RELAXATIONS if high > 0.0 else 0):
-        give_mps = (low + high) / 2.0
-        relaxed = [Bound(bound.along, bound.most_mps + give_mps) for bound in separations]
+    give_mps = high
+    for _ in range(RELAXATIONS + 1 if high > 0.0 else 0):
+        relaxed = [
+            Bound(bound.along, bound.most_mps + give_mps if gives_all else min(bound.most_mps + give_mps, 0.0))
+            if gives_all or bound.most_mps < 0.0
+            else bound
+            for bound in separations
+        ]
         tried = keep_within(ZERO, [*relaxed, *limits])
         if holds(tried, relaxed) and holds(tried, limits):
-            v, high = tried, give_mps
+            found, high = tried, give_mps
+        elif give_mps == high:
+            return None
         else:
             low = give_mps
-    return v
+        give_mps = (low + high) / 2.0
+    return found
 
 
 def step_towards(v: Vec3, last: Vec3, bounds: Sequence[Bound], step_mps: float) -> Vec3:

@@ -95,8 +95,8 @@ class SafetyFilter:
           some k in 0..1, where `last` kept them;
         - along each bound of L it is at most max(0, its most) + TOLERANCE_MPS; where a bound of L is negative and not
           contradicted by another, it points away;
-        - along each bound of S it is at most max(0, its most) + TOLERANCE_MPS, unless a bound of L is negative; where
-          those of S contradict one another, more by at most what the most negative one asks for, as little as can be.
+        - along each bound of S it is at most max(0, its most) + TOLERANCE_MPS, unless a bound of L is negative: where
+          those of S contradict one another, who asks it to get away gives first. So no word pushes it at a third one.
 
         With an obstacle sensor it is as much of that v (0..1) as leads to rest clear of all that was seen
         (`ResponseModel.is_clear`), or rest: where v points away from a limit or a neighbour, trunks come first.
@@ -183,6 +183,8 @@ class SafetyFilter:
         keep_m = clearance_m(ObstacleKind.SILENT, Use.FILTER, self.hard_separation_m)
         for rel in around.silent_ned_m:
             bounds += self._bound(response, rel, keep_m)
+        for rel in around.told_ned_m:
+            bounds += [Bound(b.along, max(0.0, b.most_mps)) for b in self._bound(response, rel, keep_m)]
         for neighbour in around.neighbours:
             if neighbour.is_overdue and neighbour.beacon.airborne:
                 rel = neighbour.rel_ned_m
@@ -190,7 +192,8 @@ class SafetyFilter:
                 if neighbour.beacon.state in BETWEEN_HEIGHTS:  # and at every height, as one that is silent
                     bounds += self._bound(response, (rel[0], rel[1], 0.0), keep_m)
         for rel, age_s in around.relayed:
-            bounds += self._bound(response, rel, keep_m + AGE_WIDENS_MPS * age_s)
+            told = self._bound(response, rel, keep_m + AGE_WIDENS_MPS * age_s)
+            bounds += [Bound(b.along, max(0.0, b.most_mps)) for b in told]
         bounds = to_commanded(bounds, drift_ned_mps)
         own_x, own_y, own_z = around.own.vel_ned_mps
         drift_x, drift_y, drift_z = drift_ned_mps

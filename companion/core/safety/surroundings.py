@@ -7,7 +7,7 @@ from typing import Final, final
 
 from companion.core.model.beacon import PeerReport
 from companion.core.model.events import Position
-from companion.core.model.neighbour import Neighbour, find_hover_places
+from companion.core.model.neighbour import Neighbour
 from companion.core.model.vectors import ZERO, add
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.perception.vehicle_tracks import SeenVehicle
@@ -54,7 +54,7 @@ class Surroundings:
         self.neighbours: Final = neighbours
         self.hovering: Final = hovering  # by id: in the air, and steered by no companion
         # Where those that fell silent hover: others that hover are among the neighbours.
-        self.silent_ned_m: Final[list[Vec3]] = find_hover_places([s for s in hovering.values() if s.silent])
+        self.silent_ned_m: Final[list[Vec3]] = [s.rel_ned_m for s in hovering.values() if s.silent and not s.received]
         self.seen: Final = seen  # vehicles by the own scans, that are not heard
         # Places (relative) at which others hear those that this vehicle does not, and how old that is.
         self.relayed: Final = relayed
@@ -63,3 +63,9 @@ class Surroundings:
         # What is flown less what is commanded.
         self.drift_ned_mps: Final = bias_ned_mps if disturbance is CALM else add(bias_ned_mps, disturbance.vel_ned_mps)
         self.commanded_ned_mps: Final = commanded_ned_mps  # the last setpoint
+
+    @property
+    def told_ned_m(self) -> list[Vec3]:
+        """Positions at which others alone say that one hovers silent: they slow, and push nobody."""
+        silent = [s for s in self.hovering.values() if s.silent]
+        return [rel for s in silent for rel in ((s.rel_ned_m, *s.elsewhere) if s.received else s.elsewhere)]

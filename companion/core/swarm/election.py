@@ -213,6 +213,11 @@ class Election:
         if seq <= (self.lease.seq + SEQ_JUMP if self.lease is not None and self.acts else EARLIER_SEQ_LIMIT):
             self._own_seq = max(self._own_seq, seq)
 
+    def depose(self) -> None:
+        """The leader that is followed is not believed any more: as if its lease had run out."""
+        if self.role is Role.FOLLOWER and self.lease is not None:
+            self._expire(self.lease)
+
     def set_priority(self, priority: int) -> None:
         """Its own, from the next period on: reception of GNSS comes and goes."""
         self.priority = priority
@@ -277,12 +282,16 @@ class Election:
             self._change_role(RoleEvent.SUCCEED)
             self.lease, self._held = replace(claim, established=True), 0
         elif self.age >= LEASE_PERIODS:
-            self._bury(lease.leader, lease.seq)
-            # An expectation that came to nothing is given up: those that expect different heirs would never agree.
-            self._expected = lease.heir if lease.established else 0
-            self._change_role(RoleEvent.EXPIRE)
-            self.lease = None
-            self._count = 0
+            self._expire(lease)
+
+    def _expire(self, lease: Lease) -> None:
+        """It has lost the leader whose lease this is."""
+        self._bury(lease.leader, lease.seq)
+        # An expectation that came to nothing is given up: those that expect different heirs would never agree.
+        self._expected = lease.heir if lease.established else 0
+        self._change_role(RoleEvent.EXPIRE)
+        self.lease = None
+        self._count = 0
 
     def _collect_echo(self, eligible: bool, score: int, heard: Sequence[View]) -> None:
         """Finds what goes up the gradient: agreement and the best candidate."""

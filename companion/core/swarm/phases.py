@@ -56,24 +56,48 @@ class Phases:
     def __init__(self, mission: Mission, now_s: float = 0.0) -> None:
         self.phase = SwarmPhase.ASSEMBLE
         self.stop = 0  # which of the mission's visits it is bound for, or at
+        self.saw_begin = True  # of the phase: not one of which it has heard later
         self._visits = mission.visits
         self._mission = mission
         self._all = (1 << mission.swarm.size) - 1
         self._majority = mission.swarm.size // 2 + 1
-        self._since_s = now_s
+        self.since_s = now_s
         self._forming = FormingTime(self._mission.coverage.duration_s, now_s)
         self._started = False  # the operator's word is known
         self._met_since_s: float | None = None
         self._arrived_s: float | None = None
         self._nearest_m, self._nearer_s, self._led_s = math.inf, now_s, -math.inf
         climb_s = mission.route.d1_enu_m[2] / mission.limits.climb_max_mps
-        self._gather_limit_s = GATHER_LIMIT_S + 2.0 * climb_s
+        self.gather_limit_s: Final = GATHER_LIMIT_S + 2.0 * climb_s
+        self._held_s, self._ticked_s = 0.0, now_s  # all times here stand still while an operator holds the swarm
+        self._held_before_s = 0.0  # of it: before this phase
+
+    def obey(self, now_s: float, *, holds: bool, lands: bool) -> None:
+        """Each tick: whether an operator's order stops the phases' time, or ends the mission."""
+        if holds:
+            self._held_s += now_s - self._ticked_s
+        self._ticked_s = now_s
+        if lands and self.phase is not SwarmPhase.LAND:
+            self._enter_phase(SwarmPhase.LAND, self._mission_s(now_s))
+
+    def _mission_s(self, now_s: float) -> float:
+        """`now_s` by a clock that does not run while an operator holds the swarm."""
+        return now_s - self._held_s
+
+    def elapsed_s(self, now_s: float) -> float:
+        """Since this phase began, without the time for which an operator held this vehicle."""
+        return self._mission_s(now_s) - self.since_s
+
+    def most_elapsed_s(self, now_s: float) -> float:
+        """The same with that time: as long as it may be for a leader that was not held."""
+        return now_s - self._held_before_s - self.since_s
 
     def adopt_phase(self, phase: SwarmPhase, now_s: float, stop: int = 0) -> None:
         """The leader has announced `phase`, at `stop`. A swarm only goes on, so an older word changes nothing."""
-        if stop < len(self._visits) and _progress(phase, stop) > _progress(self.phase, self.stop):
+        if stop < len(self._visits) and progress_of(phase, stop) > progress_of(self.phase, self.stop):
+            self.saw_begin = is_step(self.phase, self.stop, phase, stop)
             self.stop = stop
-            self._enter_phase(phase, now_s)
+            self._enter_phase(phase, self._mission_s(now_s))
 
     def goal(self) -> tuple[Vec3, float] | None:
         """A leader's goal now (NED m about the origin), and how far from it it comes to rest, in metres."""
@@ -101,11 +125,13 @@ class Phases:
 
     def decide_phase(self, done: int, *, to_goal_m: float, started: bool, now_s: float) -> bool:
         """One period as leader; `done` as in the beacon, from all branches. True when the phase has changed."""
+        now_s = self._mission_s(now_s)
         self._update_progress(to_goal_m, now_s)
         if self.phase is SwarmPhase.ASSEMBLE and started and not self._started:
-            self._started, self._since_s = True, now_s
+            self._started, self.since_s = True, now_s
         for event, phase in TRANSITIONS[self.phase]:
             if self._has_happened(event, done, to_goal_m, now_s):
+                self.saw_begin = True
                 if event is PhaseEvent.NEXT_TREE:
                     self.stop += 1
                 self._enter_phase(phase, now_s)
@@ -120,9 +146,9 @@ class Phases:
             case PhaseEvent.ASSEMBLED:
                 return self._started and self._complete(done, self._mission.swarm.start_timeout_s, now_s)
             case PhaseEvent.GATHERED:
-                return at_goal and self._complete(done, self._gather_limit_s, now_s)
+                return at_goal and self._complete(done, self.gather_limit_s, now_s)
             case PhaseEvent.TOO_FEW:
-                return self.overdue(now_s - TOO_FEW_LAND_S)
+                return self._is_overdue(now_s - TOO_FEW_LAND_S)
             case PhaseEvent.ARRIVED:
                 return at_goal
             case PhaseEvent.NEXT_TREE:
@@ -148,34 +174,37 @@ class Phases:
 
     def is_near_end(self, now_s: float) -> bool:
         """The swarm is at the last tree, and whether it has formed counts from now on (see `note_unformed`)."""
-        return self.phase is SwarmPhase.COVERAGE and self._at_last and self._forming.is_near_end(now_s)
+        return self.phase is SwarmPhase.COVERAGE and self._at_last and self._forming.is_near_end(self._mission_s(now_s))
 
     def note_unformed(self, now_s: float) -> None:
         """The ring or sphere is not formed now: the leader goes on with its coverage."""
-        self._forming.note_unformed(now_s)
+        self._forming.note_unformed(self._mission_s(now_s))
 
     def _is_covered(self, now_s: float) -> bool:
         """The swarm has been at this tree for its time, and has formed about the last one."""
         if self._at_last:
             return self._forming.is_over(now_s)
-        return now_s - self._since_s >= self._visits[self.stop].duration_s
+        return now_s - self.since_s >= self._visits[self.stop].duration_s
 
     def turn_back(self, now_s: float) -> bool:
         """A leader's, which knows no better than to go back; True: that is news."""
         if self.phase not in (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE):
             return False
-        self._enter_phase(SwarmPhase.RETURN, now_s)
+        self._enter_phase(SwarmPhase.RETURN, self._mission_s(now_s))
         return True
 
     def overdue(self, now_s: float) -> bool:
         """The swarm waits at d1 for longer than it should have to."""
-        return self.phase is SwarmPhase.GATHER and now_s - self._since_s >= self._gather_limit_s
+        return self._is_overdue(self._mission_s(now_s))
+
+    def _is_overdue(self, now_s: float) -> bool:
+        return self.phase is SwarmPhase.GATHER and now_s - self.since_s >= self.gather_limit_s
 
     def _complete(self, done: int, limit_s: float, now_s: float) -> bool:
         """All are done for DWELL_S, or a majority is when the time is up."""
         if done != self._all:
             self._met_since_s = None
-            return now_s - self._since_s >= limit_s and done.bit_count() >= self._majority
+            return now_s - self.since_s >= limit_s and done.bit_count() >= self._majority
         if self._met_since_s is None:
             self._met_since_s = now_s
         return now_s - self._met_since_s >= DWELL_S
@@ -189,13 +218,30 @@ class Phases:
         return done == self._all or now_s - self._arrived_s >= CLOSE_UP_LIMIT_S
 
     def _enter_phase(self, phase: SwarmPhase, now_s: float) -> None:
+        """From now on."""
         self.phase = phase
-        self._since_s = self._nearer_s = now_s
+        self.since_s = self._nearer_s = now_s
+        self._held_before_s = self._held_s
         self._nearest_m = math.inf
         self._forming = FormingTime(self._visits[self.stop].duration_s, now_s)
         self._met_since_s = self._arrived_s = None
 
 
-def _progress(phase: SwarmPhase, stop: int) -> tuple[bool, int, SwarmPhase]:
+def progress_of(phase: SwarmPhase, stop: int) -> tuple[bool, int, SwarmPhase]:
     """Greater: further on. The end of a mission is the end, from wherever."""
     return (phase >= SwarmPhase.RETURN, stop if phase < SwarmPhase.RETURN else 0, phase)
+
+
+def is_step(phase: SwarmPhase, stop: int, following: SwarmPhase, its_stop: int) -> bool:
+    """The one leads to the other at once, by the table of phases; the mission may not have it."""
+    match phase:
+        case SwarmPhase.ASSEMBLE:
+            return following is SwarmPhase.GATHER
+        case SwarmPhase.GATHER:
+            return following is SwarmPhase.LAND or (following is SwarmPhase.TRANSIT and its_stop == 0)
+        case SwarmPhase.TRANSIT:
+            return following >= SwarmPhase.RETURN or (following is SwarmPhase.COVERAGE and its_stop == stop)
+        case SwarmPhase.COVERAGE:
+            return following >= SwarmPhase.RETURN or (following is SwarmPhase.TRANSIT and its_stop == stop + 1)
+        case _:
+            return following is SwarmPhase.LAND

@@ -57,6 +57,10 @@ class SwarmReports:
         if missing:
             self._add(Severity.NOTICE, f"swarm goes on without {missing}")
 
+    def report_blocked(self, vehicle: int, why: str) -> None:
+        """A member whose words count for separation alone from now on."""
+        self._add(Severity.WARNING, f"vehicle {vehicle} blocked: {why}")
+
     def report_stuck(self) -> None:
         """A leader's that comes no nearer to its goal: the swarm lands where it is."""
         self._add(Severity.WARNING, "leader stuck: landing")

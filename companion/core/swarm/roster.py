@@ -21,7 +21,7 @@ NAMED_MAX: Final = 4  # vehicles in a message of 50 characters
 class Roster:
     """One vehicle's knowledge. `flown` only grows, and travels with every beacon; the other sets come up the routes."""
 
-    __slots__ = ("_everyone", "_me", "_quorum_s", "done", "flown", "has_counted", "present")
+    __slots__ = ("_everyone", "_excluded", "_me", "_quorum_s", "done", "flown", "has_counted", "present")
 
     def __init__(self, me: int, size: int) -> None:
         self._me = 1 << (me - 1)
@@ -29,12 +29,17 @@ class Roster:
         self.done = 0
         self.present = self._me
         self.flown = 0
+        self._excluded = 0  # of whose words none count: nobody waits for them, and they are no part of the majority
         self.has_counted = False  # a majority, since it leads: what it was handed is no ground to decide
         self._quorum_s: float | None = None  # when this part had the majority last
 
     def update_flown(self, beacon: Beacon) -> None:
         """Adds those that took off, by a beacon: all know of them soon, whatever the routes are."""
         self.flown |= beacon.flown & self._everyone
+
+    def exclude(self, vehicles: int) -> None:
+        """Leave out vehicles whose words do not count now; bit k-1 for vehicle k."""
+        self._excluded = vehicles
 
     def mark_airborne(self) -> None:
         """This vehicle takes off, or is in the air."""
@@ -56,7 +61,11 @@ class Roster:
 
     def missing_peers(self, grounded: int = 0) -> int:
         """The vehicles that took off and are not in this part. `grounded`: last heard on the ground; not counted."""
-        return self.flown & ~self.present & ~grounded
+        return self.flown & ~self.present & ~grounded & ~self._excluded
+
+    def with_excluded(self, done: int) -> int:
+        """`done`, or all, where nobody but those excluded is waited for."""
+        return self._everyone if done | self._excluded == self._everyone else done
 
     def has_quorum(self, now_s: float, *, grounded: int = 0) -> bool:
         """A leader's: its part is the majority of those that took off, or was a moment ago, by the table of failsafes.

@@ -8,7 +8,6 @@ election is its Algorithm 1, lines 4-18 (see `election`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final
 
 from companion.core.guidance import coverage, formation
@@ -16,7 +15,7 @@ from companion.core.model.actions import Say
 from companion.core.model.beacon import Beacon, BeaconEcho, Lease, PeerReport
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import STEERED, FlightState, Reception, Role, SwarmPhase
-from companion.core.model.vectors import ZERO, limit, norm, sub
+from companion.core.model.vectors import ZERO, sub
 from companion.core.swarm.backtracking import Backtracking
 from companion.core.swarm.election import ECHO_PERIODS, LEASE_PERIODS, Election
 from companion.core.swarm.orders import Goal
@@ -26,8 +25,10 @@ from companion.core.swarm.picture import Picture
 from companion.core.swarm.priorities import Priorities, score_of
 from companion.core.swarm.reports import SwarmReports
 from companion.core.swarm.roster import Roster
+from companion.core.swarm.trust.trust import Trust
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import Finding, Readings, Source
+from companion.core.vehicle.operator_orders import OperatorOrders
 from mission.common.frames import Vec3
 from mission.document.model import CoverageShape, Mission, PositionUncertain
 
@@ -35,17 +36,18 @@ LISTEN_S: Final = 5.0  # in the air without a leader, among others that listen t
 RENEWED_PERIODS: Final = 2  # since news of the leader: longer, the way to it may be cut
 REF_FADES_FROM: Final = 5  # periods without news of the leader; the reference is gone when the lease is
 OUTWARD = (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE)
-RANGE_STEP_M: Final = 0.1  # in which beacons tell the range of a radio
 NOT_AT_IT = (FlightState.HOLD, FlightState.SEEKING)  # steered, but not as the phase asks
 
 
 class Swarm:
     """Feed it the beacons with `receive_beacon`; `run_period` once per beacon period."""
 
-    def __init__(self, mission: Mission, me: int) -> None:
-        self.me = me
+    def __init__(self, mission: Mission, me: int, operator: OperatorOrders) -> None:
+        """`operator`: the orders that this vehicle holds."""
+        self.me, self.operator = me, operator
         self._reception = Reception.GOOD if mission.has_satellites(me) else Reception.NONE
         self._priorities = Priorities(mission)
+        self.trust = Trust(mission, me, self._priorities)
         self.election = self._new_election(mission)
         self.phases = Phases(mission)
         self.roster = Roster(me, mission.swarm.size)
@@ -53,15 +55,12 @@ class Swarm:
         self.route = formation.NOWHERE
         self.governor = 1.0  # share of cruise speed for this vehicle's branch
         self._is_link_bad = False  # the one up the route
-        self.started = False  # an operator has allowed the flight
-        self.abort = False  # an operator has ordered all to land; latched
         self.backtracking = Backtracking()  # of its own, where its position may get uncertain
         self._home: Vec3 | None = None  # the next position on the way back
         self.launched = False  # the swarm takes off, or has
         self._reports = SwarmReports(mission, me)
         self._mission = mission
-        self._size, self._fastest_mps = mission.swarm.size, mission.limits.speed_max_mps
-        self._least_range_m = min(mission.radio.transit_range_m, mission.radio.full_range_m)
+        self._size = mission.swarm.size
         self._period_s = 1.0 / mission.radio.beacon_rate_hz
 
     # --- what is heard ---
@@ -70,48 +69,34 @@ class Swarm:
         """One of the mission's swarm: no other vehicle leads, votes or is followed."""
         return 1 <= vehicle_id <= self._size
 
-    def sanitise_beacon(self, beacon: Beacon) -> Beacon:
-        """The same without what no member truly says: a priority, reference, range that none has."""
-        candidate = beacon.candidate
-        if candidate is not None and not self._priorities.may_have(candidate.priority, candidate.vehicle):
-            beacon = replace(beacon, candidate=None)
-        if norm(beacon.ref_ned_mps) > self._fastest_mps:
-            beacon = replace(beacon, ref_ned_mps=limit(beacon.ref_ned_mps, self._fastest_mps))
-        if beacon.range_m < self._least_range_m - RANGE_STEP_M:
-            beacon = replace(beacon, range_m=self._least_range_m)
-        return beacon
+    def sanitise_beacon(self, beacon: Beacon, now_s: float) -> Beacon:
+        """The same without what no member truly says, or what a blocked one says."""
+        return self.trust.sanitise_beacon(beacon, now_s)
+
+    def block(self, vehicle: int, why: str) -> None:
+        """A member is proven to have lied: from now on its words count for separation alone. `why`: in words."""
+        if self.has(vehicle) and vehicle != self.me:
+            self.trust.blocklist.block(vehicle, why)
 
     def receive_beacon(self, beacon: Beacon, now_s: float) -> None:
         """A new beacon of another member."""
         self.roster.update_flown(beacon)
-        self.started |= beacon.start
-        self.abort |= beacon.abort
-        lease = beacon.lease
-        if lease is None or not self.has(lease.leader):
+        self.operator.receive_flags(beacon)
+        if beacon.lease is not None and not self.has(beacon.lease.leader):
             return
-        if self._priorities.may_have(lease.priority, lease.leader) and self.election.receive_lease(lease, beacon.hop):
+        is_news = self.trust.receive_lease(beacon, self.election, now_s)
+        if self.trust.believes_phase(beacon, self.election, self.phases, now_s, is_news=is_news):
             self.phases.adopt_phase(beacon.phase, now_s, beacon.stop)
-        elif self.election.role is Role.LEADER and lease.leader == self.me:
-            self.phases.adopt_phase(
-                beacon.phase, now_s, beacon.stop
-            )  # of a part that it has joined, and that is further on
 
     def forget_leader(self) -> None:
         """After a stall: what is known of the leader is old."""
         self.election = self._new_election(self._mission)
 
-    def allow_start(self) -> None:
-        """An operator allows the flight."""
-        self.started = True
-
-    def land_all(self) -> None:
-        """An operator orders all to land."""
-        self.abort = True
-
     # --- each tick ---
 
     def update_picture(self, picture: Picture) -> None:
         """Each tick, before anything is decided: contact with peers, who has taken off, the way back."""
+        self.phases.obey(picture.now_s, holds=self.operator.holds, lands=self.operator.lands)
         own = picture.own
         if own is not None and (picture.airborne or picture.state is FlightState.TAKING_OFF):
             self.roster.mark_airborne()
@@ -131,9 +116,10 @@ class Swarm:
         phase = self.phases.phase
         holds_lost = picture.is_position_lost and self._mission.swarm.position_uncertain is PositionUncertain.HOLD
         readings = Readings(
-            land_all=self.abort,
+            land_all=self.operator.aborts,
             clear_below=clear_below,
-            swarm_lands=phase is SwarmPhase.LAND,
+            swarm_lands=phase is SwarmPhase.LAND and not self.operator.holds,
+            operator_holds=self.operator.holds,
             global_lost=holds_lost and phase in OUTWARD,
             alone_s=self.partition.no_contact_s(picture.now_s),
             parted_s=self.partition.partitioned_s(picture.now_s),
@@ -188,7 +174,11 @@ class Swarm:
         eligible = there and not resigns
         score = score_of(picture.battery_percent, self._reception)
         self.election.set_priority(self._priorities.of(self.me, self._reception))
-        heard = contacts.beacons(now_s, within_s=ECHO_PERIODS * self._period_s)
+        news = self.trust.run_period(picture, self.election, self.phases, is_held=self.operator.holds)
+        for vehicle, why in news:
+            self._reports.report_blocked(vehicle, why)
+        self.roster.exclude(self.trust.blocklist.bits())
+        heard = self.trust.find_views(contacts.beacons(now_s, within_s=ECHO_PERIODS * self._period_s))
         self.election.run_period(now_s, period_s=self._period_s, eligible=eligible, score=score, heard=heard)
         self._reports.report_leader(self.election.lease, is_steered=picture.is_steered)
         self.find_route(picture)
@@ -198,7 +188,7 @@ class Swarm:
             self.launched = True
             self.roster.mark_launched(contacts.ready(now_s))
         leads = self.election.role is Role.LEADER and self.roster.has_counted
-        return leads and eligible and not self._holds(picture)
+        return leads and eligible and not self.operator.holds and not self._holds(picture)
 
     def find_route(self, picture: Picture) -> None:
         """The way to the leader, how fast it may go, and what comes up it: which are there, and which have done it."""
@@ -212,10 +202,11 @@ class Swarm:
             self.route = formation.NOWHERE
         else:
             self.route = formation.route(linked, range_m=self.range_m)
+            self.trust.check_route(self.route, neighbours, self.election.lease, picture.now_s)
         self._is_link_bad = formation.is_link_bad(self.route, was_bad=self._is_link_bad)
         self.governor = formation.governor(
             self.route,
-            formation.children(self.me, self.route, linked),
+            self.trust.filter_followers(formation.children(self.me, self.route, linked), picture.now_s),
             range_m=self.formation_range_m,
             link_is_bad=self._is_link_bad,
         )
@@ -240,15 +231,15 @@ class Swarm:
         if self.phases.is_near_end(now_s) and not self._is_formed(picture):
             self.phases.note_unformed(now_s)
         done, phase = self.roster.done, self.phases.phase
-        done = self._may_leave(done, is_lost=is_lost)
-        if self.phases.decide_phase(done, to_goal_m=to_goal_m, started=self.started, now_s=now_s):
+        done = self._may_leave(self.roster.with_excluded(done), is_lost=is_lost)
+        if self.phases.decide_phase(done, to_goal_m=to_goal_m, started=self.operator.started, now_s=now_s):
             entered = self.phases.phase
             if entered is SwarmPhase.GATHER:
                 self.roster.mark_launched(done)
             if entered is SwarmPhase.LAND and phase in (SwarmPhase.TRANSIT, SwarmPhase.RETURN) and not there:
                 self._reports.report_stuck()
             self._reports.report_phase(entered, phase, self.phases.stop, done)
-        elif (phase is SwarmPhase.ASSEMBLE and self.started) or self.phases.overdue(now_s):
+        elif (phase is SwarmPhase.ASSEMBLE and self.operator.started) or self.phases.overdue(now_s):
             self._reports.report_absent(done, now_s)
 
     def _is_formed(self, picture: Picture) -> bool:
@@ -303,8 +294,8 @@ class Swarm:
             phase=self.phases.phase,
             state=state,
             airborne=airborne,
-            start=self.started,
-            abort=self.abort,
+            start=self.operator.started,
+            abort=self.operator.aborts,
             done=roster.done,
             range_m=range_m,
             present=roster.present,

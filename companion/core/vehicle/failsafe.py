@@ -85,6 +85,7 @@ class Cause(IntEnum):
     OBSTACLES_STALE = auto()
     NO_HEARTBEAT = auto()
     GNSS_LOST = auto()
+    OPERATOR_HOLDS = auto()
     PEER_UNCERTAIN = auto()
     OTHERS_LOST = auto()
     NO_NEIGHBOUR = auto()
@@ -129,6 +130,7 @@ class Readings(NamedTuple):
     land_all: bool = False  # SWARM
     clear_below: bool = True  # no vehicle above or below
     swarm_lands: bool = False
+    operator_holds: bool = False
     global_lost: bool = False  # it leads, and is off by more than the mission allows
     alone_s: float = 0.0  # SWARM, PARTITION: in the air without company
     parted_s: float = 0.0  # without the majority
@@ -289,7 +291,7 @@ ROWS: tuple[Row, ...] = (
     Row(
         Cause.LAND_ALL,
         Source.SWARM,
-        "an operator has ordered all to land; latched, and spread by the beacons",
+        "an operator has ordered all to land where they are (ABORT); latched, and passed on by all",
         lambda r: there(r.land_all),
         Response.LAND,
         Clear.RESTARTED,
@@ -465,6 +467,17 @@ ROWS: tuple[Row, ...] = (
         delay_s=0.5,
         lingers_s=1.0,  # an estimator takes its first fixes, and jumps to them
         resigns=True,
+    ),
+    Row(
+        Cause.OPERATOR_HOLDS,
+        Source.SWARM,
+        "an operator has ordered HOLD: no phase goes on meanwhile, and no time of one runs",
+        lambda r: there(r.operator_holds),
+        Response.HOLD,
+        Clear.GONE,
+        Severity.NOTICE,
+        "hold: ordered by the operator",
+        until="an operator orders START, LAND or ABORT",
     ),
     Row(
         Cause.PEER_UNCERTAIN,

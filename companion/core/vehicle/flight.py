@@ -53,7 +53,7 @@ class Flight:
         self._hold_is_ours = False  # it stalled in the HOLD that `_awaits_offboard`
         self._cause_said: Finding | None = None
         self._steering_since_s: float | None = None  # since when setpoints have been streaming
-        self._armed_seen = self._takeoff_seen = False
+        self._armed_seen = self._takeoff_seen = self._may_take_off = False
         self._waiting = Waiting()
         self._late_said = False
         self._said: list[Say] = []
@@ -138,15 +138,15 @@ class Flight:
         *,
         findings: Sequence[Finding],
         may_join: bool,
+        may_take_off: bool,
         not_localised: str = "",
     ) -> list[Ask | Say]:
         """Advance. `findings`: all that is found now, its own among them; `may_join`: a leader is known and flies.
 
-        `not_localised`: why its position among the others is not known; empty: it is.
+        `may_take_off`: by the operator's order; `not_localised`: why its position among the others is not known.
         """
-        self._not_localised = not_localised
+        self._not_localised, self._now_s, self._may_take_off = not_localised, now_s, may_take_off
         asks: list[Ask | Say] = []
-        self._now_s = now_s
         self._mind_silence(now_s)
         self._mind_lateness()
         match self.state:
@@ -221,7 +221,7 @@ class Flight:
             self._move(FlightEvent.CHECKS_FAIL)
             return []
         lands = failsafe_engine.demands(failsafe_engine.decide(findings), Response.LAND)
-        if SwarmPhase.GATHER <= phase < SwarmPhase.LAND and not lands:
+        if self._may_take_off and SwarmPhase.GATHER <= phase < SwarmPhase.LAND and not lands:
             self._move(FlightEvent.TAKE_OFF)
             return [Say(Severity.NOTICE, f"taking off to {self._takeoff_altitude_m:.1f} m")]
         return []

@@ -33,7 +33,7 @@ MEETING_S: Final = 1.0  # and after a boot that was not heard before
 ALIVE_S: Final = 1.0  # a sender that was heard within it has not begun anew: another boot is another vehicle
 CHECKS_MAX: Final = 16  # manifests of one sender that are checked in CHECKS_S: an Ed25519 signature costs 0.1 ms
 CHECKS_S: Final = 1.0
-BOOTS_MAX: Final = 2  # of one sender that are echoed: a clone's beside its own
+MEETING_PERIOD_S: Final = 0.1  # of manifests of one that has no beacon to send yet
 TOLD_S: Final = 10.0  # between two words of the same kind
 
 
@@ -52,6 +52,12 @@ class Guard(Protocol):
 
     def take_proof(self, frame: bytes, now_s: float) -> bool:
         """A frame that proves itself; False: it is none."""
+
+    def holds_mac(self, frame: bytes) -> bool:
+        """The frame of a message that proves itself was sealed by one of the swarm, in this flight or an earlier."""
+
+    def boots(self) -> dict[int, int]:
+        """The boot of each sender that has proven it."""
 
     def believe(self, decoded: Decoded, sender: int, now_s: float) -> Decoded:
         """The part of an admitted beacon that counts: all of it, or what slows alone."""
@@ -87,6 +93,12 @@ class OpenGuard:
     def take_proof(self, frame: bytes, now_s: float) -> bool:  # noqa: ARG002
         return False
 
+    def holds_mac(self, frame: bytes) -> bool:  # noqa: ARG002
+        return False
+
+    def boots(self) -> dict[int, int]:
+        return {}
+
     def believe(self, decoded: Decoded, sender: int, now_s: float) -> Decoded:  # noqa: ARG002
         return decoded
 
@@ -113,9 +125,10 @@ class SignedGuard:
         self.cloned = False
         self._session = session
         self._streams: dict[int, Stream] = {}
-        self._boots: dict[int, list[int]] = {}  # by sender, newest last: to be echoed
+        self._newcomers: dict[int, int] = {}  # by sender, the last boot that was not met, or is another companion's
         self._turn = 0  # of the echoes
-        self._checks: dict[int, tuple[float, int]] = {}  # by sender: since when, how many
+        # By sender, and whether of the boot that was met: since when, how many. Recordings of another cost it nothing.
+        self._checks: dict[tuple[int, bool], tuple[float, int]] = {}
         self._own_key = session.stream_key(session.active, session.me, session.boot) or b""
         self._timestamp = 0
         self._sent: deque[tuple[int, bytes]] = deque(maxlen=MACS_MAX)  # named by the next manifest
@@ -134,16 +147,12 @@ class SignedGuard:
         if refusal:
             self.refused[refusal] += 1
             return False
-        stream = self._streams[sender]
-        if named:
-            stream.take_frame(frame, said, now_s)
-        else:
-            stream.take_unnamed(frame, now_s)
+        self._streams[sender].take_frame(frame, said, now_s, named=named)
         return True
 
     def _refusal(self, frame: bytes, sender: int, now_s: float) -> str:
         if not is_signed(frame):
-            self._report_text(f"vehicle {sender} sends unsigned frames: ignored", now_s)
+            self._report_sender(sender, "sends unsigned frames: ignored", now_s)
             return "unsigned"
         if sender == self._session.me:
             return "own"
@@ -157,16 +166,22 @@ class SignedGuard:
         if found is None:
             return False
         sender, session = frame[5], self._session
-        key = session.keys.get(epoch_of(frame)) if is_signed(frame) else None
-        if key is None or not mac_holds(frame, key):
+        if not self.holds_mac(frame):
             self.refused["forged manifest"] += 1
-            self._report_text(f"vehicle {sender} has another key, or another mission file: ignored", now_s)
+            self._report_sender(sender, "has another key, or another mission file: ignored", now_s)
         elif self._is_due(sender, found[0], now_s):
-            if manifests.holds(session.verifiers[sender], found[1], found[2]):
+            if session.verifiers[sender].holds(found[2], found[1]):
                 self._take_manifest(sender, found[0], now_s)
             else:
                 self.refused["forged manifest"] += 1
         return True
+
+    def holds_mac(self, frame: bytes) -> bool:
+        key = self._session.keys.get(epoch_of(frame)) if is_signed(frame) else None
+        return key is not None and mac_holds(frame, key)
+
+    def boots(self) -> dict[int, int]:
+        return {sender: stream.boot for sender, stream in self._streams.items()}
 
     def _is_due(self, sender: int, manifest: Manifest, now_s: float) -> bool:
         """The signature is worth its time: of a member, newer than the last, and not one of a flood."""
@@ -175,16 +190,17 @@ class SignedGuard:
             self._report_text(f"vehicle {sender} is not of this fleet, or revoked: ignored", now_s)
             return False
         stream = self._streams.get(sender)
-        if stream is not None and manifest.boot == stream.boot and manifest.last <= stream.vouched:
+        is_met = stream is not None and manifest.boot == stream.boot
+        if stream is not None and is_met and manifest.last <= stream.vouched:
             self.refused["repeated"] += 1
             return False
         if sender == self._session.me and manifest.boot == self._session.boot:
             self.refused["own"] += 1
             return False
-        since_s, count = self._checks.get(sender, (-math.inf, 0))
+        since_s, count = self._checks.get((sender, is_met), (-math.inf, 0))
         if now_s - since_s >= CHECKS_S:
             since_s, count = now_s, 0
-        self._checks[sender] = (since_s, count + 1)
+        self._checks[sender, is_met] = (since_s, count + 1)
         if count >= CHECKS_MAX:
             self.refused["too many manifests"] += 1
             return False
@@ -195,13 +211,13 @@ class SignedGuard:
         session, stream = self._session, self._streams.get(sender)
         is_new = (session.me, session.boot) in manifest.echoes
         if sender == session.me:
-            self._note_boot(sender, manifest.boot, now_s)
+            self._note_newcomer(sender, manifest.boot, now_s)
             if is_new:  # it hears this vehicle, and has its key
                 self.cloned = True
                 self._report_text(f"another companion flies as vehicle {sender}", now_s, Severity.CRITICAL)
             return
         if stream is None or stream.boot != manifest.boot:
-            self._note_boot(sender, manifest.boot, now_s)
+            self._note_newcomer(sender, manifest.boot, now_s)
             if not is_new:
                 self.refused["not met"] += 1
                 return
@@ -210,20 +226,20 @@ class SignedGuard:
                 self._report_text(f"vehicle {sender} is there twice: the later is ignored", now_s, Severity.CRITICAL)
                 return
             stream = self._streams[sender] = Stream(manifest.boot, manifest.last, now_s)
+            del self._newcomers[sender]
         if not stream.vouch(manifest, now_s):
             self.refused["disowned"] += 1
             self._report_text(f"somebody speaks as vehicle {sender}: it only slows", now_s, Severity.CRITICAL)
 
-    def _note_boot(self, sender: int, boot: int, now_s: float) -> None:
-        boots = self._boots.setdefault(sender, [])
-        if boot not in boots:
-            boots.append(boot)
-            del boots[:-BOOTS_MAX]
+    def _note_newcomer(self, sender: int, boot: int, now_s: float) -> None:
+        """To be echoed, beside the boot that was met, which no flood of recordings takes from the echoes."""
+        if self._newcomers.get(sender) != boot:
+            self._newcomers[sender] = boot
             self._urgent_until_s = now_s + MEETING_S
 
     def believe(self, decoded: Decoded, sender: int, now_s: float) -> Decoded:
         said, stream = decoded.said, self._streams.get(sender)
-        if said is None or stream is None or stream.is_proven(word_of(said), now_s):
+        if said is None or stream is None or stream.is_proven(said, now_s):
             return decoded
         return Decoded(decoded.version, without_word(said), decoded.pos_ned_m)
 
@@ -242,12 +258,14 @@ class SignedGuard:
         return sealed
 
     def proof(self, now_s: float) -> tuple[int, bytes] | None:
-        is_due = now_s - self._manifest_s >= MANIFEST_S or self._unnamed >= MACS_MAX - 2
-        if not (is_due or now_s < self._urgent_until_s):
+        since_s = now_s - self._manifest_s
+        is_due = since_s >= MANIFEST_S or self._unnamed >= MACS_MAX - 2
+        is_urgent = now_s < self._urgent_until_s and (self._unnamed > 0 or since_s >= MEETING_PERIOD_S)
+        if not (is_due or is_urgent):
             return None
         self._count_up(now_s)
         self._manifest_s, self._unnamed = now_s, 0
-        boots = [(sender, boot) for sender, known in sorted(self._boots.items()) for boot in known]
+        boots = [*self.boots().items(), *self._newcomers.items()]
         turn = self._turn % max(1, len(boots))
         self._turn = turn + ECHOES_MAX
         stamps, macs = [at for at, _ in self._sent], [mac for _, mac in self._sent]
@@ -265,6 +283,11 @@ class SignedGuard:
 
     def _count_up(self, now_s: float) -> None:
         self._timestamp = min(max(self._timestamp + 1, int(now_s * UNITS_PER_S)), TIMESTAMP_MAX)
+
+    def _report_sender(self, sender: int, what: str, now_s: float) -> None:
+        """Of a member alone: whoever is in range may send in 255 names, and each text costs the autopilot's link."""
+        if sender in self._session.verifiers:
+            self._report_text(f"vehicle {sender} {what}", now_s)
 
     def _report_text(self, text: str, now_s: float, severity: Severity = Severity.WARNING) -> None:
         if now_s - self._told_s.get(text, -math.inf) >= TOLD_S and len(self._told_s) < 1024:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from struct import Struct
 from typing import Final
 
-from companion.keys.crypto import SIGNATURE_BYTES, Signer, Verifier
+from companion.keys.crypto import SIGNATURE_BYTES, Signer
 from companion.mavlink import dialect
 from companion.mavlink.framing.frames import payload_of
 from companion.mavlink.peers.frame_mac import MAC_BYTES
@@ -68,11 +68,6 @@ def read_manifest(frame: bytes) -> tuple[Manifest, bytes, bytes] | None:
         tuple((sender, heard) for sender, heard in _ECHO.iter_unpack(echoes) if sender),
     )
     return manifest, _vouched(frame[5], payload[:-SIGNATURE_BYTES]), signature
-
-
-def holds(verifier: Verifier, signed: bytes, signature: bytes) -> bool:
-    """`signed` and `signature` as `read_manifest` returns them."""
-    return verifier.holds(signature, signed)
 
 
 def _vouched(sender: int, payload: bytes) -> bytes:

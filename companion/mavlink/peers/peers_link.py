@@ -13,6 +13,8 @@ from companion.mavlink.beacon import COMPONENT, Decoded, Reader
 from companion.mavlink.framing import wire
 from companion.mavlink.framing.frames import source
 from companion.mavlink.harvest import RecordLink
+from companion.mavlink.orders.desk import OrderDesk
+from companion.mavlink.orders.order import ORDER_ID, is_order_frame
 from companion.mavlink.own_messages import encode_relative_report
 from companion.mavlink.peers.guard import Guard
 from companion.mavlink.relative import RELATIVE_ID, read_relative_report
@@ -27,19 +29,27 @@ class PeersLink:
     """Whose frames its guard admits. Times are the local clock's, s."""
 
     def __init__(
-        self, vehicle_id: int, reader: Reader, guard: Guard, records: RecordLink | None, *, ranging: bool
+        self,
+        vehicle_id: int,
+        reader: Reader,
+        guard: Guard,
+        records: RecordLink | None,
+        orders: OrderDesk,
+        *,
+        ranging: bool,
     ) -> None:
-        """`records`: takes the frames of records; `ranging`: SWARM_RELATIVE goes with beacons."""
+        """`records`, `orders`: take the frames of these; `ranging`: SWARM_RELATIVE goes with beacons."""
         self.guard: Final = guard
         self.without_beacon = 0  # datagrams
         self._reader: Final = reader
         self._records: Final = records
+        self._orders: Final = orders
         self._ranging: Final = ranging
         self._sender: Final = wire.Sender(vehicle_id, COMPONENT, guard.flags)
 
     def read_datagram(self, data: bytes, now_s: float) -> Sequence[Heard]:
         """The reports in it, then the beacons; what proves or records is acted on as it comes."""
-        one = _Datagram(self._reader, self.guard, self._records, now_s, ranging=self._ranging)
+        one = _Datagram(self._reader, self.guard, self._records, self._orders, now_s, ranging=self._ranging)
         beacons = swarm_beacon.read_each(data, one.read_beacon, one.take_frame)
         heard: list[Heard] = [*one.reports]
         for sender, _, decoded in beacons:
@@ -64,6 +74,11 @@ class PeersLink:
         proof = self.guard.proof(now_s)
         return [] if proof is None else [self.guard.seal_proof(self._sender.frame(*proof))]
 
+    def send_orders(self, now_s: float) -> list[bytes]:
+        """Frames of the operator's order, each a datagram: they bear the key of the group, and prove themselves."""
+        payloads = self._orders.payloads(now_s)
+        return [self.guard.seal_proof(self._sender.frame(ORDER_ID, payload)) for payload in payloads]
+
     def send_records(self, now_s: float, beacon_bytes: int) -> list[bytes]:
         """Frames of records, each a datagram, behind so many bytes of beacons."""
         if self._records is None:
@@ -74,22 +89,30 @@ class PeersLink:
     def take_says(self) -> list[Say]:
         """Words for the operator, since last asked."""
         lines = [] if self._records is None else self._records.lines()
-        return [*(Say(Severity.WARNING, line) for line in lines), *self.guard.take_says()]
+        return [*(Say(Severity.WARNING, line) for line in lines), *self.guard.take_says(), *self._orders.take_says()]
 
 
 class _Datagram:
     """One datagram while it is read: its frames pass the guard in the order in which they were sent."""
 
-    __slots__ = ("_guard", "_now_s", "_ranging", "_reader", "_records", "others", "reports")
+    __slots__ = ("_guard", "_now_s", "_orders", "_ranging", "_reader", "_records", "others", "reports")
 
     def __init__(
-        self, reader: Reader, guard: Guard, records: RecordLink | None, now_s: float, *, ranging: bool
+        self,
+        reader: Reader,
+        guard: Guard,
+        records: RecordLink | None,
+        orders: OrderDesk,
+        now_s: float,
+        *,
+        ranging: bool,
     ) -> None:
         self.reports: list[RelativeReport] = []
         self.others = 0  # valid frames that are neither reports nor beacons
         self._reader = reader
         self._guard = guard
         self._records = records
+        self._orders = orders
         self._now_s = now_s
         self._ranging = ranging
 
@@ -106,6 +129,10 @@ class _Datagram:
         if guard.take_proof(frame, now_s):
             self.others += 1
             return True
+        if is_order_frame(frame):  # by whatever key it came: it bears the operator's
+            taken = self._orders.receive(frame, now_s, is_proven=guard.holds_mac(frame))
+            self.others += taken
+            return taken
         if records is not None and records.is_record(frame):
             taken = guard.admits(frame, now_s, named=False) and records.receive(frame, now_s)
             self.others += taken

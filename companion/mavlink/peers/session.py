@@ -11,6 +11,7 @@ from companion.keys.crypto import Signer, Verifier, session_key
 from companion.keys.keyring import OPERATOR, Keyring
 
 BASE_ID: Final = 254  # system id of the base station: vehicles go to 250, and 255 is the ground station's
+OPERATOR_ID: Final = 253  # of whoever orders: both have the operator's keyring
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,15 +37,15 @@ class Session:
 
 
 def open_session(keyring: Keyring, me: int, mission_sha256: bytes, boot: int) -> Session:
-    """`me`: the vehicle's id, or BASE_ID with the operator's keyring. `mission_sha256`: the digest of its file.
+    """`me`: the vehicle's id; BASE_ID or OPERATOR_ID with the operator's keyring. `mission_sha256`: of its file.
 
     ValueError: the keyring is another's, or the boot's number is none.
     """
-    if keyring.owner != (OPERATOR if me == BASE_ID else me):
+    if keyring.owner != (OPERATOR if me in (BASE_ID, OPERATOR_ID) else me):
         raise ValueError(f"the key is of {'the operator' if keyring.owner == OPERATOR else f'vehicle {keyring.owner}'}")
     if not 0 < boot < 1 << 32:
         raise ValueError(f"boot {boot}: must be 1..2^32-1")
     keys = {epoch: session_key(secret, mission_sha256) for epoch, secret in keyring.secrets.items()}
     verifiers = {vehicle: Verifier(public) for vehicle, public in keyring.vehicles.items()}
-    verifiers[BASE_ID] = Verifier(keyring.operator)
+    verifiers[BASE_ID] = verifiers[OPERATOR_ID] = Verifier(keyring.operator)
     return Session(me, boot, keyring.active, keys, Signer(keyring.seed), verifiers)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
 from typing import Final, final
 
+from companion.core.localisation.peer_reports import TAKEN_BACK
 from companion.core.model.beacon import Beacon
 from companion.mavlink.peers.frame_mac import UNITS_PER_S, epoch_of, mac_holds, mac_of, timestamp_of
 from companion.mavlink.peers.manifest import Manifest
@@ -18,16 +18,21 @@ PROVEN_S: Final = 5.0  # a manifest vouches for so long: at 50 % loss one of the
 DISPUTED_S: Final = 3.0  # after a frame that its sender does not vouch for
 HEARD_MAX: Final = 64  # frames that wait for their manifest
 
+COUNTS_HZ: Final = 20.0  # of a lease, at most: the fastest that beacons are
+COUNTS_SLACK: Final = 20.0  # beyond the count that was vouched for: news of a leader comes by several ways
+
 Word = tuple[int, ...]  # a beacon's, of leader and phase; see `word_of`
 
 
 def word_of(said: Beacon) -> Word:
-    """The part of a beacon that moves a swarm: it counts once its sender has vouched for it."""
-    lease = said.lease
-    if lease is None:
-        return (0, 0, 0, 0, 0, 0, said.phase, said.stop, said.flown)
-    claim = (lease.leader, lease.priority, int(lease.established), lease.heir, lease.ends, int(lease.quorum))
-    return (*claim, said.phase, said.stop, said.flown)
+    """The part of a beacon that moves a swarm, or takes an alarm back: it counts once its sender has vouched for it."""
+    lease, candidate, sighting = said.lease, said.candidate, said.sighting
+    claim = (0, 0, 0, 0, 0, 0)
+    if lease is not None:
+        claim = (lease.leader, lease.priority, int(lease.established), lease.heir, lease.ends, int(lease.quorum))
+    proposed = (0, 0, 0) if candidate is None else (candidate.vehicle, candidate.priority, candidate.score)
+    taken_back = sighting.vehicle if sighting is not None and sighting.relays == TAKEN_BACK else 0
+    return (*claim, *proposed, taken_back, said.phase, said.stop, said.done, said.present, said.flown)
 
 
 @final
@@ -35,6 +40,7 @@ class Stream:
     """Of one boot of one sender, known to be no recording. Times are the local clock's, s."""
 
     __slots__ = (
+        "_count",
         "_disputed_until_s",
         "_heard",
         "_keys",
@@ -54,10 +60,11 @@ class Stream:
         self.vouched = -1  # `last` of its newest manifest
         self._mark, self._mark_s = mark, now_s
         self._keys: dict[int, bytes] = {}  # by epoch
-        self._heard: deque[tuple[int, bytes, Word | None]] = deque(maxlen=HEARD_MAX)
+        self._heard: deque[tuple[int, bytes, Beacon | None]] = deque(maxlen=HEARD_MAX)
         self._proven_s = -math.inf
         self._disputed_until_s = -math.inf
-        self._word: Word | None = None  # the newest that it has vouched for
+        self._word: Word | None = None  # the newest that it has vouched for,
+        self._count = 0  # and the count of the lease in it
 
     def refusal(self, frame: bytes, session: Session, sender: int, now_s: float) -> str:
         """The reason not to take this signed frame; empty: it was made by one of the swarm, in this boot, and is new.
@@ -78,16 +85,12 @@ class Stream:
             return "ahead of its sender's clock"
         return ""
 
-    def take_frame(self, frame: bytes, said: Beacon | None, now_s: float) -> None:
-        """A frame that nothing speaks against; `said`: of a beacon."""
+    def take_frame(self, frame: bytes, said: Beacon | None, now_s: float, *, named: bool) -> None:
+        """A frame that nothing speaks against. `said`: of a beacon; `named`: of a message that manifests name."""
         self._mark, self._mark_s = timestamp_of(frame), now_s
         self.heard_s = now_s
-        self._heard.append((self._mark, mac_of(frame), None if said is None else word_of(said)))
-
-    def take_unnamed(self, frame: bytes, now_s: float) -> None:
-        """The same, of a message that manifests do not name."""
-        self._mark, self._mark_s = timestamp_of(frame), now_s
-        self.heard_s = now_s
+        if named:
+            self._heard.append((self._mark, mac_of(frame), said))
 
     def vouch(self, manifest: Manifest, now_s: float) -> bool:
         """Its newest manifest. False: somebody else has made frames in its name."""
@@ -97,9 +100,9 @@ class Stream:
         clean = all(mac in named for at, mac, _ in self._heard if first <= at <= last)
         if clean:
             self._proven_s = now_s
-            words: Sequence[Word] = [w for at, _, w in self._heard if first <= at <= last and w is not None]
-            if words:
-                self._word = words[-1]
+            vouched = [said for at, _, said in self._heard if first <= at <= last and said is not None]
+            if vouched:
+                self._word, self._count = word_of(vouched[-1]), _count_of(vouched[-1])
         else:
             # What was taken may be the other's: go on from what the sender itself says that it has sent.
             self._mark, self._mark_s = last, now_s
@@ -109,6 +112,13 @@ class Stream:
             self._heard.popleft()
         return clean
 
-    def is_proven(self, word: Word, now_s: float) -> bool:
-        """The sender vouches for its frames, and has vouched for this word."""
-        return word == self._word and now_s - self._proven_s <= PROVEN_S and now_s >= self._disputed_until_s
+    def is_proven(self, said: Beacon, now_s: float) -> bool:
+        """The sender vouches for its frames and has vouched for this word, and its leader's count is not far ahead."""
+        age_s = now_s - self._proven_s
+        if age_s > PROVEN_S or now_s < self._disputed_until_s or word_of(said) != self._word:
+            return False
+        return _count_of(said) <= self._count + COUNTS_SLACK + COUNTS_HZ * age_s
+
+
+def _count_of(said: Beacon) -> int:
+    return 0 if said.lease is None else said.lease.seq

@@ -8,9 +8,10 @@ from companion.core.model.states import SwarmPhase
 from companion.mavlink.schema.rows import Enumeration, Message
 from companion.mavlink.schema.tables.beacon import BEACON, FASTEST_MPS, FURTHEST_M, VERSION
 from companion.mavlink.schema.tables.measurements import LIDAR_SCAN, RANGES, RECORD, RECORD_VECTOR, RELATIVE
+from companion.mavlink.schema.tables.orders import ORDER
 from companion.mavlink.schema.tables.signing import MANIFEST
 
-OWN: Final[tuple[Message, ...]] = (BEACON, RANGES, RELATIVE, LIDAR_SCAN, RECORD_VECTOR, RECORD, MANIFEST)
+OWN: Final[tuple[Message, ...]] = (BEACON, RANGES, RELATIVE, LIDAR_SCAN, RECORD_VECTOR, RECORD, ORDER, MANIFEST)
 CONSTANTS: Final = {  # name in own_messages.py: value, reason
     "VERSION": (VERSION, "of what the fields of a beacon mean"),
     "FURTHEST_M": (FURTHEST_M, "beyond it a position, and"),
@@ -51,6 +52,16 @@ ENUMERATIONS: Final = (
                 SwarmPhase.RETURN: "d2 to d1.",
                 SwarmPhase.LAND: "Spread out level and land.",
             }.items()
+        ),
+    ),
+    Enumeration(
+        name="SWARM_ORDER_KIND",
+        meaning="What an operator orders.",
+        entries=(
+            ("START", 1, "Fly the mission; in the air: go on after a HOLD."),
+            ("HOLD", 2, "Every vehicle holds where it is, until a START."),
+            ("LAND", 3, "The swarm spreads out level and lands, as at the mission's end. Cannot be taken back."),
+            ("ABORT", 4, "Every vehicle lands where it is, now. Cannot be taken back."),
         ),
     ),
 )

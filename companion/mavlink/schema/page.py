@@ -20,7 +20,7 @@ def page(note: str) -> Iterator[str]:
     size = struct.calcsize("<" + "".join(row.code for row in beacon.fields))
     yield from (f"# {beacon.name}", "", note, "", beacon.meaning, "")
     yield "A MAVLink 2 message of the dialect `companion/mavlink/swarm.xml`, sent with the vehicle's own system id"
-    yield f"and component {dialect.MAV_COMP_ID_ONBOARD_COMPUTER} (MAV_COMP_ID_ONBOARD_COMPUTER). Not signed yet."
+    yield f"and component {dialect.MAV_COMP_ID_ONBOARD_COMPUTER} (MAV_COMP_ID_ONBOARD_COMPUTER)."
     yield f"Message id {beacon.id}, CRC extra {_crc_extra(beacon)}, payload {size} bytes"
     yield f"(MAVLink 2 cuts trailing zeros off), version {VERSION}."
     yield ""

@@ -1,8 +1,8 @@
 """The companions' way on to the air: each beacon is decoded once, here; the radio only carries bytes.
 
 What goes with a beacon in a swarm that flies by ranges (SWARM_RELATIVE) comes in one datagram with it, and so it goes
-on the air: both arrive together or not at all, and so does the manifest behind a beacon of a signed swarm. Records go
-on the air frame by frame, after the beacons.
+on the air: both arrive together or not at all, and so does the manifest behind a beacon of a signed swarm. Orders and
+records go on the air frame by frame, after the beacons.
 """
 
 from __future__ import annotations
@@ -10,35 +10,40 @@ from __future__ import annotations
 from companion.core.model.beacon import RelativeReport
 from companion.mavlink.beacon import COMPONENT, WireBeacon, beacons
 from companion.mavlink.framing.frames import source
+from companion.mavlink.orders.order import order_payload
 from companion.mavlink.peers import manifest as manifests
 from companion.mavlink.relative import read_relative_report
 from companion.records.frames import is_record_frame, read_record, read_vector
+from sim_bridge.drive.links.insider import Insiders
 from sim_bridge.world.radio import Radio
 
 
 class Transmitter:
     """Hands the companions' beacons to the radio, and keeps what they say.
 
-    Each radio is set to the range that its companion announces.
+    Each radio is set to the range that its companion announces. What an insider's companion says is kept as it says it,
+    and goes on the air rewritten.
     """
 
-    def __init__(self, radio: Radio) -> None:
+    def __init__(self, radio: Radio, insiders: Insiders | None = None) -> None:
         self.said: dict[int, WireBeacon] = {}  # by id: the last valid beacon of each companion
         self.said_s: dict[int, float] = {}  # by id: when that was sent
         self.words: dict[int, RelativeReport] = {}  # by id: the last that went with one
         self.refused = 0  # beacons in another's name
         self._radio = radio
+        self._insiders = insiders
 
     def send(self, sender: int, data: bytes, now_s: float) -> tuple[bytes, ...]:
         """A datagram from `sender`'s own socket; returns the valid beacons in it. KeyError: its radio has no place."""
         sent = []
         found = _Found()
+        insider = None if self._insiders is None else self._insiders.find_insider(sender)
         each = beacons(data, found.take_frame)
         beside, behind = b"", b"".join(self._frames_of(sender, found.proofs))
         for frame, word in found.words:
             if source(frame) == (sender, COMPONENT):
                 self.words[sender] = word
-                beside += frame
+                beside += frame if insider is None else insider.rewrite_report(frame, word, now_s)
             else:
                 self.refused += 1
         for system, frame, beacon in each:
@@ -47,10 +52,13 @@ class Transmitter:
                 continue
             self.said[sender], self.said_s[sender] = beacon, now_s
             self._radio.set_range(sender, beacon.range_dm / 10.0)
-            self._radio.send(sender, beside + frame + behind, now_s)
+            told = frame
+            if insider is not None:
+                told = insider.rewrite_beacon(frame, beacon, now_s, self._radio.positions)
+            self._radio.send(sender, beside + told + behind, now_s)
             beside = behind = b""
             sent.append(frame)
-        for frame in (behind, *self._frames_of(sender, found.records)):
+        for frame in (behind, *self._frames_of(sender, found.orders), *self._frames_of(sender, found.records)):
             if frame:
                 self._radio.send(sender, frame, now_s, aside=True)
         return tuple(sent)
@@ -66,6 +74,7 @@ class _Found:
 
     def __init__(self) -> None:
         self.words: list[tuple[bytes, RelativeReport]] = []
+        self.orders: list[bytes] = []
         self.records: list[bytes] = []
         self.proofs: list[bytes] = []
 
@@ -76,6 +85,9 @@ class _Found:
             if is_valid:
                 self.records.append(frame)
             return is_valid
+        if order_payload(frame) is not None:
+            self.orders.append(frame)
+            return True
         if manifests.read_manifest(frame) is not None:
             self.proofs.append(frame)
             return True

@@ -1,16 +1,32 @@
-"""The keys of a simulated fleet: as good as drawn at random, and the same for the same seed."""
+"""The keys of a simulated fleet: as good as drawn at random, and the same for the same seed; and what they sign."""
 
 from __future__ import annotations
 
 import hashlib
+import math
 from typing import Final
 
 from companion.keys.crypto import public_key
 from companion.keys.keyring import OPERATOR, Keyring
+from companion.mavlink.orders.book import OrderBook
 from companion.mavlink.peers.guard import SignedGuard
-from companion.mavlink.peers.session import BASE_ID, open_session
+from companion.mavlink.peers.session import BASE_ID, OPERATOR_ID, open_session
 from mission.document.load import dump_mission
 from mission.document.model import Mission
+from sim_bridge.drive.operator import SignedOperator
+from sim_bridge.world.world import World
+
+
+class OrderDisk:
+    """A vehicle's disk, as far as its orders go: it outlives its companion."""
+
+    def __init__(self) -> None:
+        self.kept = b""
+
+    def save(self, state: bytes, *, wait: bool) -> bool:  # noqa: ARG002
+        """As `Marks`."""
+        self.kept = state
+        return True
 
 
 class FleetKeys:
@@ -20,6 +36,8 @@ class FleetKeys:
         self._seed: Final = mission.sim.seed
         self._digest: Final = hashlib.sha256(dump_mission(mission).encode()).digest()  # of the file in the run folder
         self._starts: Final = dict[int, int]()
+        self._size: Final = mission.swarm.size
+        self.disks: Final = {k: OrderDisk() for k in range(1, mission.swarm.size + 1)}
         owners = range(1, mission.swarm.size + 1)
         self._vehicles: Final = {k: public_key(self._draw("seed", k)) for k in owners}
 
@@ -32,10 +50,37 @@ class FleetKeys:
 
     def guard(self, node: int) -> SignedGuard:
         """Of the next start of a vehicle's companion, or of the base station."""
-        start = self._starts[node] = self._starts.get(node, 0) + 1
-        boot = int.from_bytes(self._draw(f"boot {start}", node)[:4], "little") or 1
-        owner = OPERATOR if node == BASE_ID else node
-        return SignedGuard(open_session(self.keyring(owner), node, self._digest, boot))
+        self._starts[node] = self._starts.get(node, 0) + 1
+        owner = OPERATOR if node in (BASE_ID, OPERATOR_ID) else node
+        return SignedGuard(open_session(self.keyring(owner), node, self._digest, self._boot(node)))
+
+    def orders(self, vehicle: int) -> OrderBook:
+        """Of the start for which `guard` was called last."""
+        disk = self.disks[vehicle]
+        return OrderBook(
+            operator=public_key(self._draw("seed", OPERATOR)),
+            digest=self._digest,
+            me=vehicle,
+            size=self._size,
+            boot=self._boot(vehicle),
+            marks=disk,
+            kept=disk.kept,
+        )
+
+    def operator(self, world: World) -> SignedOperator:
+        """The operator, with the key: beside vehicle 1's start, heard and hearing as far as any."""
+        world.radio.set_range(OPERATOR_ID, math.inf)
+        return SignedOperator(
+            self.keyring(OPERATOR),
+            self._digest,
+            self._size,
+            self.guard(OPERATOR_ID),
+            seed=self._seed,
+            pos_ned_m=world.positions()[1],
+        )
+
+    def _boot(self, node: int) -> int:
+        return int.from_bytes(self._draw(f"boot {self._starts[node]}", node)[:4], "little") or 1
 
     def _draw(self, what: str, owner: int) -> bytes:
         return hashlib.sha256(f"understory simulated fleet: {self._seed}, {what}, {owner}".encode()).digest()

@@ -19,11 +19,13 @@ from companion.core.stages import FLIGHT_STAGES, StageFactory
 from companion.mavlink.beacon import Reader
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.harvest import RecordLink
+from companion.mavlink.orders.book import OrderBook
 from companion.mavlink.peers.guard import Guard
 from companion.sensors.table import sensors_of
 from companion.survey.of_mission import survey_of
 from mission.document.model import Mission
 from sim_bridge.drive.links.inbox import Inbox
+from sim_bridge.drive.links.insider import Insiders
 from sim_bridge.drive.links.radio_node import RadioNode
 from sim_bridge.drive.links.transmitter import Transmitter
 from sim_bridge.drive.ticks import world_tick
@@ -84,11 +86,12 @@ class InProcess:
         records: RecordLink | None = None,
         disk: RecordDisk | None = None,
         guard: Guard | None = None,
+        orders: OrderBook | None = None,
     ) -> None:
         """`beacons`: shared with the others of this process, which then decode each frame once.
 
         `stages`: of its agent. `records`: of a mission that surveys, on `disk`. `guard`: of its radio, in a swarm
-        with keys.
+        with keys; `orders`: of the operator's key there.
         """
         self.endpoint = Endpoint(
             mission,
@@ -99,6 +102,7 @@ class InProcess:
             survey=survey_of(mission, vehicle_id),
             records=records,
             guard=guard,
+            orders=orders,
         )
         self._disk = disk
         self.endpoint.agent.waive("all")  # as `--waive all` of a companion that is a process
@@ -140,10 +144,16 @@ class Lockstep:
     `last` is the Tick that was made last; before the first, how the world begins.
     """
 
-    def __init__(self, world: World, companions: Sequence[Companion], base: RadioNode | None = None) -> None:
-        """`base`: the base station, of a mission that surveys."""
+    def __init__(
+        self,
+        world: World,
+        companions: Sequence[Companion],
+        base: RadioNode | None = None,
+        operator: RadioNode | None = None,
+    ) -> None:
+        """`base`: the base station, of a mission that surveys; `operator`: of a signed swarm."""
         self.world = world
-        self._base = base
+        self._nodes = [node for node in (base, operator) if node is not None]
         self.companions = {c.id: c for c in sorted(companions, key=lambda c: c.id)}
         self.lost: dict[int, str] = {}
         self.stopped: frozenset[int] = frozenset()  # of companions
@@ -153,7 +163,8 @@ class Lockstep:
         self.to_companion: dict[int, bytes] = {}  # the last tick's traffic, for what records it
         self.from_companion: dict[int, bytes] = {}
         self.beacons: dict[int, tuple[bytes, ...]] = {}
-        self.transmitter = Transmitter(world.radio)
+        self.insiders = Insiders(world.mission)
+        self.transmitter = Transmitter(world.radio, self.insiders)
         self.last = self._emit()
 
     def tick(self, meanwhile: Callable[[], None] = lambda: None) -> None:
@@ -191,17 +202,17 @@ class Lockstep:
                 self._take_answer(self.companions[vehicle_id], now_s)
             # While the next companions still think: physics is most of this program's work.
             self.world.step_vehicle(vehicle_id, TICK_S)
-        if self._base is not None:
-            self._base.receive(self.world.radio.deliver(self._base.id, now_s), now_s)
-            for frame in self._base.tick(now_s):
-                self.world.radio.send(self._base.id, frame, now_s, aside=True)
+        for node in self._nodes:
+            node.receive(self.world.radio.deliver(node.id, now_s), now_s)
+            for frame in node.tick(now_s):
+                self.world.radio.send(node.id, frame, now_s, aside=True)
         self.world.advance_clock(TICK_S)
         self.last = self._emit()
 
     def _place_radios(self) -> None:
         positions = self.world.positions()
-        if self._base is not None:
-            positions[self._base.id] = self._base.pos_ned_m
+        for node in self._nodes:
+            positions[node.id] = node.pos_ned_m
         self.world.radio.place(positions)
 
     def _emit(self) -> Tick:

@@ -138,7 +138,7 @@ class Flight:
         behind = formation.children(me, vehicle.route, neighbours)
         vehicle.governor = formation.governor(vehicle.route, behind, range_m=range_m)
         if goal is None:
-            vehicle.destination.update_follower(own.pos_ned_m, 0, vehicle.route.up)
+            vehicle.destination.update_follower(own.pos_ned_m, 0, vehicle.route.up, self._now_s)
         else:
             vehicle.destination.update_leader(own.pos_ned_m, 0)
         drift = vehicle.own_drift.ned_mps

@@ -72,7 +72,9 @@ class Bench:
                 self._tell()
             found = self.flight.vehicle.findings(self.now_s)
             found += [Finding(Cause.LAND_ALL)] * self.land_now + [Finding(Cause.NO_LEADER)] * self.hold
-            out = self.flight.update_flight(self.phase, self.now_s, findings=found, may_join=self.may_join)
+            out = self.flight.update_flight(
+                self.phase, self.now_s, findings=found, may_join=self.may_join, may_take_off=True
+            )
             self.asked += [a for a in out if isinstance(a, Ask)]
             self.said += [a for a in out if isinstance(a, Say)]
         return self

@@ -63,10 +63,9 @@ def broken_promises(
             broken.append(f"limit {along}, {most_mps}: {v}")
     bounds = replace(safety_filter, senses=False).separations(there)
     apart = [(b.along, b.most_mps - dot(b.along, drift)) for b in bounds]
-    asked_mps = max([0.0, *(-most_mps for _, most_mps in apart)])
     pushed = any(most_mps < 0.0 for _, most_mps in limits)
     for along, most_mps in apart:
-        if not pushed and dot(v, along) > max(0.0, most_mps + asked_mps) + TOLERANCE_MPS + EPS:
+        if not pushed and dot(v, along) > max(0.0, most_mps) + TOLERANCE_MPS + EPS:
             broken.append(f"separation {along}, {most_mps}: {v}")
     return broken
 

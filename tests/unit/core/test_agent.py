@@ -40,7 +40,7 @@ def fed(agent: Agent, now_s: float, *, pos: tuple[float, float, float] = (0.0, 0
 
 CRAZY: list[Callable[[Agent, float], None]] = [
     lambda agent, now_s: agent.receive(OperatorOrder(Order.START), now_s),
-    lambda agent, now_s: agent.receive(OperatorOrder(Order.LAND_ALL), now_s),
+    lambda agent, now_s: agent.receive(OperatorOrder(Order.ABORT), now_s),
     lambda agent, now_s: agent.receive(AutopilotMode(FlightMode.OTHER, True, "POSCTL", traits=PX4.traits), now_s),
     lambda agent, now_s: agent.receive(Landed(LandedState.IN_AIR), now_s),
     lambda agent, now_s: agent.receive(heard_beacon(5, airborne=True, lease=lease(5, 99, established=True)), now_s),

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from companion.core.model.states import SwarmPhase
 from mission.schema.fault_kinds import FORMS, PARAMETERS, Lasts
-from mission.schema.faults import Fault, FaultKind, FaultPhase
+from mission.schema.faults import Fault, FaultKind, FaultPhase, Lie
 from sim_bridge.drive.faults import Faults, parsed, spelled
 from sim_bridge.drive.links.inbox import UNREAD_MAX_BYTES, Inbox
 from sim_bridge.judge.fault_events import FaultEvent, silenced
@@ -50,6 +50,8 @@ def fault(kind: str, **values: Any) -> Fault:
         ),
         ("range-errors", "2@40:-1:0.5", {"vehicles": (2,), "at_s": 40.0, "bias_m": -1.0, "noise_m": 0.5}),
         ("disk-full", "2@40:1.5", {"vehicles": (2,), "at_s": 40.0, "for_s": 1.5}),
+        ("insider", "2@transit:push", {"vehicles": (2,), "phase": "transit", "at_s": 0.0, "lie": "push"}),
+        ("insider", "leader@40:usurper:20", {"at_s": 40.0, "lie": "usurper", "for_s": 20.0}),
         (
             "late",
             "2@gather+1.5:1.5:20",
@@ -93,6 +95,7 @@ def test_what_is_spelled_is_read_back(
         at_s=at_ms / 1e3,
         for_s=for_ms / 1e3 if lasts else None,
         **{name: numbers(name) for name in form.parameters},
+        **({"lie": list(Lie)[at_ms % len(Lie)]} if form.lies else {}),
     )
     _, _, text = spelled(written).partition(" ")
     assert Fault.model_validate(parsed(kind, text)) == written
@@ -106,6 +109,8 @@ def test_what_is_spelled_is_read_back(
         *[("stop", text) for text in ("2@30", "2@30:", "2@30:x", "2@30:3:4")],
         *[("restart", text) for text in ("2@30", "2@30:", "2@30:3:4")],
         *[("late", text) for text in ("2@30", "2@30:1:2:3")],
+        *[("insider", text) for text in ("2@30", "2@30:5", "2@30:gossip", "2@30:push:1:2")],
+        ("kill", "3@4:push"),
         *[("blind", text) for text in ("2@30:", "2@30:1:2")],
         *[("wind", text) for text in ("2@30", "2@30:1", "2@30:1:2:3:4")],
         *[("motor", text) for text in ("2@30:1", "2@30:")],
@@ -321,7 +326,8 @@ def test_each_kind_is_said_when_it_begins_and_when_it_is_over(kind: FaultKind) -
     form = FORMS[kind]
     numbers = {name: (1.0, -1.0) if PARAMETERS[name].level else 0.5 for name in form.parameters}
     for_s = None if form.lasts is Lasts.NEVER else 3.0
-    some = Faults([fault(kind.value, vehicles=[2], for_s=for_s, **numbers)])
+    lie = {"lie": "push"} if form.lies else {}
+    some = Faults([fault(kind.value, vehicles=[2], for_s=for_s, **numbers, **lie)])
     began, _ = advanced(some, 0.0)
     _, ended = advanced(some, 3.0)
     assert began[0].startswith("fault: ")

@@ -40,7 +40,8 @@ def test_operators_file_holds_no_private_key_of_a_vehicle():
         (lambda t: t.replace("format = 1", "format = 2"), "key: format = 2: must be 1"),
         (lambda t: t.replace("format = 1", "format = true"), "key: format = true: must be 1"),
         (lambda t: t.replace("format = 1\n", ""), "key: format: is missing"),
-        (lambda _: "", "key: format: is missing"),
+        (lambda _: "", "key: is empty: no key is installed"),
+        (lambda _: "# none", "key: is empty: no key is installed"),  # the unit's, where there is no file
         (lambda t: "colour = 1\n" + t, "key: colour: no such key: must be one of format, owner, "),
         (lambda t: f'"{SECRET}" = 1\n' + t, "key: (a name of 64 characters): no such key"),
         (lambda t: t.replace("owner = 2", "owner = 251"), "key: owner = 251: must be a vehicle's id, 1 to 250, or "),
@@ -165,6 +166,16 @@ def test_credential_of_systemd_is_taken_and_no_wider_access_list(
     else:
         with pytest.raises(KeyFileError, match="mode 0440"):
             load_keyring(path, 2)
+
+
+@pytest.mark.parametrize("mode", [0o444, 0o460, 0o550])
+def test_access_list_excuses_no_more_than_the_groups_reading(
+    mode: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    path = key_file(tmp_path / "key", KEYRING, mode)
+    monkeypatch.setattr(module.os, "getxattr", lambda *_: access_list(OWNER, (2, 4, os.geteuid()), GROUP, MASK, OTHER))
+    with pytest.raises(KeyFileError, match=f"mode {mode:04o}"):
+        load_keyring(path, 2)
 
 
 def test_access_list_as_the_kernel_has_it_is_understood(tmp_path: Path):

@@ -75,14 +75,14 @@ def test_anything_but_a_companions_beacon_is_ignored_on_the_peers_link(data: byt
     one = placed()
     one.from_peers(data, 10.0)
     assert one.agent.localiser.peers.neighbours((0.0, 0.0, 0.0), 10.0) == []
-    assert not one.agent.swarm.started
+    assert not one.agent.swarm.operator.started
     assert one.peers.without_beacon == 1
 
 
 def test_own_beacon_coming_back_is_ignored() -> None:
     one = placed()
     one.from_peers(beacon_of(ME, abort=True), 10.0)
-    assert not one.agent.swarm.abort
+    assert not one.agent.swarm.operator.aborts
 
 
 def test_several_beacons_in_one_datagram_are_all_heard() -> None:
@@ -105,7 +105,7 @@ def test_signed_beacon_is_refused_and_an_unsigned_one_behind_it_heard() -> None:
     one = placed()
     one.from_peers(signed(beacon_of(5, abort=True)) + beacon_of(6), 10.0)
     assert [n.id for n in one.agent.localiser.peers.neighbours((0.0, 0.0, 0.0), 10.0)] == [6]
-    assert not one.agent.swarm.abort
+    assert not one.agent.swarm.operator.aborts
     assert one.peers.guard.refused == {"signed": 1}
 
 
@@ -148,7 +148,7 @@ def test_beacons_of_another_version_are_counted_dropped_and_said_once_of_each_of
     assert one.codec.other_versions == 4
     assert (one.codec.dropped, one.peers.without_beacon) == (0, 0)
     assert [n.id for n in one.agent.localiser.peers.neighbours((0.0, 0.0, 0.0), 10.2)] == [7]
-    assert not one.agent.swarm.abort
+    assert not one.agent.swarm.operator.aborts
 
 
 def test_receivers_that_share_a_reader_hear_what_others_hear_and_decode_each_frame_once() -> None:
@@ -202,7 +202,7 @@ def test_beacon_goes_to_the_peers_alone_and_only_with_a_position() -> None:
 def test_operators_order_is_obeyed_and_acknowledged(number: int, started: bool, abort: bool) -> None:
     one = placed()
     one.from_autopilot(packed(command(number), system=255, component=STATION), 10.0)
-    assert (one.agent.swarm.started, one.agent.swarm.abort) == (started, abort)
+    assert (one.agent.swarm.operator.started, one.agent.swarm.operator.aborts) == (started, abort)
     (ack,) = [m for m in read(one.tick(10.0).autopilot) if m.get_type() == "COMMAND_ACK"]
     assert (ack.command, ack.result) == (number, 0)
     assert (ack.target_system, ack.target_component) == (255, STATION)
@@ -223,7 +223,7 @@ def test_order_for_someone_else_is_neither_obeyed_nor_answered(system: int, comp
     one = placed()
     order = command(dialect.MAV_CMD_NAV_LAND, system=system, component=component)
     one.from_autopilot(packed(order, system=255, component=STATION), 10.0)
-    assert not one.agent.swarm.abort
+    assert not one.agent.swarm.operator.aborts
     assert "COMMAND_ACK" not in ids(one.tick(10.0).autopilot)
 
 

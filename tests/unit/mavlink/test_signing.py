@@ -7,10 +7,13 @@ from dataclasses import replace
 
 import pytest
 
+from companion.core.localisation.peer_reports import TAKEN_BACK
+from companion.core.model.beacon import Candidate, PeerReport
 from companion.keys.crypto import public_key
 from companion.mavlink import dialect
 from companion.mavlink.framing import wire
 from companion.mavlink.peers.frame_mac import TIMESTAMP_MAX, seal, timestamp_of
+from companion.mavlink.peers.manifest import read_manifest
 from companion.mavlink.peers.session import BASE_ID, open_session
 from companion.mavlink.peers.stream import AHEAD_S, DISPUTED_S
 from companion.mavlink.schema.tables.signing import MACS_MAX
@@ -187,6 +190,36 @@ def test_forged_word_is_not_believed_for_a_moment() -> None:
     assert two.heard == [(1, False), (1, False)]
 
 
+@pytest.mark.parametrize(
+    "says",
+    [
+        {"lease": lease(1, 5000)},
+        {"lease": lease(1, 6), "done": 15},
+        {"lease": lease(1, 6), "present": 15},
+        {"lease": lease(1, 6), "flown": 15},
+        {"lease": lease(1, 6), "candidate": Candidate(3, 9, 9)},
+        {"lease": lease(1, 6), "sighting": PeerReport(3, (0.0, 0.0, 0.0), 0.0, silent=False, relays=TAKEN_BACK)},
+    ],
+)
+def test_forged_beacon_with_the_word_of_its_sender_moves_nothing_else(says: dict[str, object]) -> None:
+    (one, two), now_s = met(1, 2)
+    one.says = {"lease": lease(1, 5)}
+    now_s = exchange([one, two], now_s, 3)
+    two.heard.clear()
+    two.receive([forged(1, 1001, now_s, lease=lease(1, 6))], now_s)
+    assert two.heard == [(1, True)]  # as it would say itself
+    two.receive([forged(1, 1001, now_s + 0.001, **says)], now_s)
+    assert two.heard[-1] == (1, False)
+
+
+def test_count_of_a_lease_goes_on_between_two_manifests() -> None:
+    (one, two), now_s = met(1, 2)
+    for count in range(5, 60):
+        one.says = {"lease": lease(1, count)}
+        now_s = exchange([one, two], now_s, 1)
+    assert all(believed for _, believed in two.heard)
+
+
 def test_news_of_the_sender_itself_counts_at_once() -> None:
     (one, two), now_s = met(1, 2)
     one.says = {"lease": lease(1, 5)}
@@ -202,6 +235,54 @@ def test_manifest_of_a_member_in_anothers_name_is_refused() -> None:
     two.receive([frame], now_s)
     assert two.guard.refused["forged manifest"] == 1
     assert (one.texts, two.texts, three.texts) == ([], [], [])
+
+
+def recorded_manifests(owner: int, count: int) -> list[bytes]:
+    """Of as many earlier boots, sealed with the swarm's secret."""
+    found = []
+    for boot in range(5000, 5000 + count):
+        earlier = guard(owner, boot=boot)
+        sent = earlier.proof(10.0)
+        assert sent is not None
+        found.append(earlier.seal_proof(wire.frame(*sent, seq=0, system=owner, component=191, flags=1)))
+    return found
+
+
+def test_flood_of_recorded_manifests_neither_silences_nor_unproves_a_sender() -> None:
+    (one, two), now_s = met(1, 2)
+    recorded = recorded_manifests(1, 40)
+    for k in range(100):
+        one.says = {"lease": lease(1, k // 5)}  # news that must be proven
+        two.receive(recorded, now_s)
+        now_s = exchange([one, two], now_s, 1)
+    assert [sender for sender, _ in two.heard] == [1] * 100
+    assert all(believed for _, believed in two.heard)
+    sent = two.guard.proof(now_s + 5.0)
+    assert sent is not None
+    frame = two.guard.seal_proof(wire.frame(*sent, seq=0, system=2, component=191, flags=1))
+    found = read_manifest(frame)
+    assert found is not None
+    assert (1, 1001) in found[0].echoes  # whoever must still meet this vehicle can
+
+
+def test_manifests_go_with_beacons_not_with_every_tick() -> None:
+    (one, _), now_s = met(1, 2)
+    one.says = {"lease": lease(1, 5)}
+    sent = [one.send(now_s)]
+    for k in range(1, 20):  # 20 Hz; a beacon in every other tick
+        at_s = now_s + k * PERIOD_S / 2
+        proof = one.guard.proof(at_s) if k % 2 else None
+        sent += [one.send(at_s)] if k % 2 == 0 else []
+        assert proof is None
+    assert sum(len(frames) - 1 for frames in sent) <= 6  # news go with three or four beacons, then one a second
+
+
+def test_texts_are_of_members_alone() -> None:
+    (_, two), now_s = met(1, 2)
+    payload = beacon_frame(1)[10:-2]
+    for sender in range(1, 256):
+        two.receive([wire.frame(52100, payload, seq=0, system=sender, component=191)], now_s)
+    assert len(two.texts) <= 6
 
 
 def test_flood_of_manifests_costs_few_signatures() -> None:

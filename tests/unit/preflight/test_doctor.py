@@ -31,6 +31,7 @@ from mission import __version__
 from mission.common.compiled import STATE
 from mission.common.frames import LocalFrame
 from tests.unit.core.core_kit import beacon, mission
+from tests.unit.keys.keys_kit import key_file, operator_of, vehicle_of
 from tests.unit.sensors import lidar_kit
 
 SERIAL = parse_url("serial:///dev/ttyAMA0:57600", AUTOPILOT_SCHEMES)
@@ -309,6 +310,18 @@ def test_service(told: str | None, verdict: Verdict, monkeypatch: pytest.MonkeyP
 def test_wall_clock(told: str | None, verdict: Verdict, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doctor, "_run", lambda *_: told)
     assert doctor.wall_clock().verdict is verdict
+
+
+def test_key_is_a_row_where_one_is_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("companion.preflight.computer.harden_process", lambda: "")
+    path = key_file(tmp_path / "key", vehicle_of(operator_of(), 2))
+    told = {check.name: check for check in doctor.examine(None, None, key=str(path))}
+    assert told["key"].verdict is Verdict.PASS
+    assert told["key"].found.startswith("vehicle 2, fleet ")
+    path.chmod(0o644)
+    told = {check.name: check for check in doctor.examine(None, None, key=str(path))}
+    assert told["key"].verdict is Verdict.FAIL
+    assert "key" not in {check.name for check in doctor.examine(None, None)}
 
 
 def test_program_works_without_any_link_and_counts_its_problems(

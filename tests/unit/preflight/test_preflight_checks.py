@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from companion.keys.fingerprints import epoch_fingerprint, fleet_fingerprint
 from companion.mavlink.makes import MAKES
 from companion.mavlink.makes.ardupilot import ARDUPILOT
 from companion.mavlink.makes.make import Make
 from companion.mavlink.makes.px4 import PX4
 from companion.preflight.checks import ABOUT, judge
 from companion.preflight.command import verdict_line
-from companion.preflight.computer import KEY_BYTES, check_disk, check_key, check_monotonic
+from companion.preflight.computer import check_disk, check_key, check_monotonic
 from companion.preflight.fence import difference, fence_of
 from companion.preflight.report import Check, Report, Verdict
 from companion.preflight.survey import Parameter, Survey
@@ -22,6 +23,7 @@ from companion.preflight.table import table
 from companion.sensors.table import SENSORS
 from mission.document.model import Mission
 from tests.unit.core.core_kit import mission
+from tests.unit.keys.keys_kit import key_file, operator_of, secret_texts, vehicle_of
 
 ME = 3
 SQUARE = ((-50.0, -50.0), (200.0, -50.0), (200.0, 50.0), (-50.0, 50.0))
@@ -249,40 +251,57 @@ def test_fence_with_other_items_or_another_order_is_not_the_missions() -> None:
 
 
 @pytest.fixture
-def key(tmp_path: Path) -> Path:
-    path = tmp_path / "key"
-    path.write_bytes(bytes(range(KEY_BYTES)))
-    path.chmod(0o600)
-    return path
+def _dumpable(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("companion.preflight.computer.harden_process", lambda: "")
 
 
-def test_good_key_passes_and_none_is_a_warning(key: Path) -> None:
-    assert check_key(str(key)).verdict is Verdict.PASS
-    assert check_key(None).verdict is Verdict.WARN
+@pytest.mark.usefixtures("_dumpable")
+def test_key_of_this_vehicle_passes_with_its_fingerprints_and_none_is_a_warning(tmp_path: Path) -> None:
+    keyring = vehicle_of(operator_of(4, epochs=(255, 0)), ME)
+    path = key_file(tmp_path / "key", keyring)
+    check = check_key(str(path), ME, 4)
+    assert check.verdict is Verdict.PASS
+    epochs = f"0 {epoch_fingerprint(keyring.secrets[0])} and 255 {epoch_fingerprint(keyring.secrets[255])} (active)"
+    assert check.found == f"vehicle {ME}, fleet {fleet_fingerprint(keyring)}, epoch {epochs}"
+    assert check_key(str(path), None).verdict is Verdict.PASS
+    assert not [part for part in secret_texts(keyring) if part in check.model_dump_json()]
+    none = check_key(None, ME)
+    assert (none.verdict, none.fix) == (Verdict.WARN, "frames are not signed")
 
 
-def test_bad_keys_fail_each_with_its_reason(key: Path, tmp_path: Path) -> None:
-    def why(path: Path) -> str:
-        check = check_key(str(path))
+@pytest.mark.usefixtures("_dumpable")
+def test_key_that_is_not_this_vehicles_or_not_its_alone_fails_with_the_reason(tmp_path: Path) -> None:
+    def why(path: Path, owner: int = ME) -> str:
+        check = check_key(str(path), owner)
         assert check.verdict is Verdict.FAIL
         return check.found
 
+    path = key_file(tmp_path / "key", vehicle_of(operator_of(4), ME))
     assert "No such file" in why(tmp_path / "none")
     assert "not a regular file" in why(tmp_path)
-    os.mkfifo(tmp_path / "fifo", 0o600)
-    assert "not a regular file" in why(tmp_path / "fifo")
-    key.chmod(0o640)
-    assert why(key) == "mode 0640"
-    key.chmod(0o600)
-    key.write_bytes(b"x" * (KEY_BYTES - 1))
-    assert why(key) == "31 bytes"
-    key.write_bytes(bytes(KEY_BYTES))
-    assert why(key) == "not random"
+    assert f"owner: is vehicle {ME}: must be vehicle 2" in why(path, 2)
+    path.chmod(0o640)
+    assert "mode 0640" in why(path)
+    path.chmod(0o600)
+    path.write_bytes(bytes(range(32)))  # what a key was before
+    assert "is not TOML" in why(path)
 
 
-def test_key_of_another_user_fails(key: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("os.geteuid", lambda: key.stat().st_uid + 1)
-    assert "owned by user" in check_key(str(key)).found
+@pytest.mark.usefixtures("_dumpable")
+def test_vehicles_of_the_mission_without_a_key_are_a_warning(tmp_path: Path) -> None:
+    operator = operator_of(4)
+    fleet = replace(operator, vehicles={k: key for k, key in operator.vehicles.items() if k != 2})
+    check = check_key(str(key_file(tmp_path / "key", vehicle_of(fleet, ME))), ME, 6)
+    assert check.verdict is Verdict.WARN
+    assert check.found.endswith("; no key of vehicle 2, 5, 6")
+
+
+def test_computer_with_a_key_makes_no_core_dump(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[str] = []
+    monkeypatch.setattr("companion.preflight.computer.harden_process", lambda: calls.append("harden"))
+    monkeypatch.setattr("companion.preflight.computer.load_keyring", lambda *_: calls.append("load") or operator_of())
+    check_key(str(tmp_path), ME)
+    assert calls == ["harden", "load"]
 
 
 def test_disk_and_clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

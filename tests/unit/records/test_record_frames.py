@@ -79,3 +79,19 @@ def test_a_vector_that_makes_no_sense_is_none(vehicle_id: int, upto: int, window
     numbers = upto.to_bytes(3, "little") + window.to_bytes(3, "little") + bytes(6)
     entry = struct.pack("<BI", vehicle_id, 1) + numbers + bytes(4)
     assert read_vector(framed(VECTOR_ID, struct.pack("<IIBB231s", 0, 0, 0, 0, entry))) is None
+
+
+@pytest.mark.parametrize("made_us", [(1 << 52) + 1, (1 << 63) + 1, (1 << 64) - 1])
+def test_a_record_made_at_a_time_that_cannot_be_passed_on_is_none(made_us: int) -> None:
+    payload = made_us.to_bytes(8, "little") + encode_record(RECORD)[8:]
+    assert read_record(framed(RECORD_ID, payload)) is None
+    stored = Record(3, 1, 1, RecordKind.STEM, made_us / 1e6, b"")  # by a version that took it
+    assert read_record(framed(RECORD_ID, encode_record(stored))) is not None
+
+
+def test_the_last_time_that_a_record_may_have_comes_back_to_the_microsecond() -> None:
+    for made_us in (1 << 52, (1 << 52) - 1):
+        frame = framed(RECORD_ID, made_us.to_bytes(8, "little") + encode_record(RECORD)[8:])
+        record = read_record(frame)
+        assert record is not None
+        assert framed(RECORD_ID, encode_record(record)) == frame

@@ -114,6 +114,7 @@ def watched(
         id=3,
         autopilot=SimpleNamespace(bad=0),
         peers=SimpleNamespace(without_beacon=0, guard=SimpleNamespace(refused={})),
+        orders=SimpleNamespace(counters=dict),
         codec=SimpleNamespace(dropped=0, other_versions=0),
         foreign_autopilots=frozenset(),
         sensors=SensorInputs((), 3, {}),

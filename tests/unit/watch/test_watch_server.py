@@ -15,6 +15,7 @@ from companion.shell.urls import HEARING_SCHEMES, UrlError, parse_url
 from companion.watch import server as watch_server
 from companion.watch.address import PORT, address_of
 from companion.watch.charts import open_chart
+from companion.watch.connections import CONNECTIONS_MAX
 from companion.watch.server import Stream, WatchServer
 from companion.watch.udp_receiver import UdpReceiver
 from mission.common import own_addresses
@@ -179,7 +180,7 @@ def test_there_are_at_most_so_many_who_look(serving: WatchServer) -> None:
     assert ask(serving, "/heard")[0] == 503
     assert ask(serving, "/")[0] == 200
     connection.close()
-    assert watch_server.STREAMS_MAX < watch_server.CONNECTIONS_MAX
+    assert watch_server.STREAMS_MAX < CONNECTIONS_MAX
 
 
 def test_a_stream_gives_the_newest_picture_and_never_waits_for_a_slow_reader() -> None:

@@ -21,13 +21,14 @@ from companion.core.model.beacon import Beacon, PeerReport, RelativeReport
 from companion.core.model.events import HeardBeacon, Position, Ranges, Satellites
 from companion.core.model.neighbour import Neighbour, find_hover_places
 from companion.core.model.states import FlightState, LandedState, Role, Severity
-from companion.core.model.vectors import ZERO, add, norm, scale, sub
+from companion.core.model.vectors import ZERO, add, limit, norm, scale, sub
 from companion.core.vehicle.failsafe import Cause
 from mission.common.frames import Vec3
 from mission.document.model import Mission
 
 REPORTS_MAX: Final = 8  # of one sender, that wait for their beacons: as many may come in one tick
 LOST: Final = "relative localisation not initialised"
+SETTLES_S: Final = 5.0  # since it knows its position among the others: that still moves by metres
 ANCHOR_MPS: Final = 0.5  # a leader goes over to what GNSS says this fast: no setpoint jumps, 10 m take 20 s
 
 
@@ -46,6 +47,7 @@ class GnssDeniedLocaliser(Localiser):
         self._reports: dict[int, list[RelativeReport]] = {}  # by sender: those whose beacons have not come yet
         self._anchored_s = 0.0
         self._offset_ned_m = ZERO
+        self._settled_s = -math.inf  # when its relative positions have settled since it was initialised
 
     @property
     def may_lose_position(self) -> bool:
@@ -197,12 +199,17 @@ class GnssDeniedLocaliser(Localiser):
         if role is Role.LEADER:
             self.destination.update_anchored_leader(flown, stop, fix, most_m)
         else:
-            self.destination.update_follower(flown, stop, upstream)
+            if not self.is_initialised:
+                self._settled_s = now_s + SETTLES_S
+            if now_s < self._settled_s:
+                self.destination.forget_odometry()
+            self.destination.update_follower(flown, stop, upstream, now_s)
         sd_m = self.ranging.position_sd_m([n.id for n in upstream])
         self.global_localisation.update_destination_sd(
             sd_m, now_s, lag_m=self.destination.lag_m if role is Role.LEADER else None
         )
-        self._offset_ned_m = self.destination.offset_ned_m(pos_ned_m)
+        # A leader whose odometry may be off by more goes back: a word that has this one farther off is false.
+        self._offset_ned_m = limit(self.destination.offset_ned_m(pos_ned_m), self._budget_m)
 
     # --- what comes out ---
 

@@ -209,7 +209,7 @@ RECORD: Final = Message(
     "whole: there are no fragments. Sent after the beacons, in the airtime that they leave.",
     see="[collect records](../how-to/collect-records.md)",
     fields=(
-        field("made_usec", "uint64_t", "When it was made, by its writer's clock.", unit="us"),
+        field("made_usec", "uint64_t", "When it was made, by its writer's clock.", unit="us", most=1 << 52),
         field("log_id", "uint32_t", "Drawn when the writer's log was begun."),
         field("log_number", "uint32_t", "In that log: 1, 2, 3 and so on.", least=1, most=(1 << 24) - 1),
         field("log_writer", "uint8_t", "System id of the vehicle that made it.", least=1, most=250),

@@ -83,6 +83,7 @@ class Among:
         said = beacon(
             k,
             time_ms=time_ms,
+            route_cost=0.0 if k == LEADER else 1.0,
             lease=lease(LEADER, seq=self.ticks, established=True, priority=1),
             state=FlightState.TRANSIT if flies else FlightState.WAITING,
             phase=SwarmPhase.TRANSIT if flies else SwarmPhase.ASSEMBLE,

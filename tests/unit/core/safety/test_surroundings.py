@@ -17,4 +17,5 @@ def test_the_filter_keeps_clear_of_each_place_where_a_silent_vehicle_may_hover()
         3: PeerReport(3, (4.0, 0.0, 0.0), 0.1, silent=False),  # heard: it is among the neighbours
     }
     found = Surroundings(OWN, (), hovering, surroundings(OWN).cloud)
-    assert found.silent_ned_m == [(9.0, 0.0, 0.0), (0.0, 9.0, 0.0), (0.0, 0.0, 9.0)]
+    assert found.silent_ned_m == [(9.0, 0.0, 0.0)]
+    assert found.told_ned_m == [(0.0, 9.0, 0.0), (0.0, 0.0, 9.0)]

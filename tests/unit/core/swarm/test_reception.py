@@ -8,6 +8,7 @@ from companion.core.model.beacon import Candidate, Lease
 from companion.core.model.states import Reception, SwarmPhase
 from companion.core.swarm.priorities import Priorities, score_of
 from companion.core.swarm.swarm import Swarm
+from companion.core.vehicle.operator_orders import OperatorOrders
 from tests.unit.core.core_kit import beacon, picture
 from tests.unit.core.ranging_kit import ranging_mission
 
@@ -44,9 +45,9 @@ def test_one_that_hears_satellites_precedes_all_that_do_not(vehicle: int, recept
     ],
 )
 def test_only_what_the_mission_gives_a_vehicle_is_believed(vehicle: int, priority: int, believed: bool) -> None:
-    swarm = Swarm(MISSION, 2 if vehicle == 1 else 1)
+    swarm = Swarm(MISSION, 2 if vehicle == 1 else 1, OperatorOrders())
     told = beacon(vehicle, candidate=Candidate(vehicle, priority, 9))
-    assert (swarm.sanitise_beacon(told).candidate is not None) is believed
+    assert (swarm.sanitise_beacon(told, 1.0).candidate is not None) is believed
     lease = Lease(vehicle, 1000, priority, 9, established=True)
     swarm.receive_beacon(beacon(vehicle, lease=lease), 1.0)
     held = swarm.election.lease
@@ -57,10 +58,10 @@ def test_a_radio_is_set_to_no_less_than_any_phase_asks_for() -> None:
     """One that told 0 m would alarm nobody when it falls silent."""
     radio = MISSION.radio
     least_m = min(radio.transit_range_m, radio.full_range_m)
-    swarm = Swarm(MISSION, 1)
-    assert swarm.sanitise_beacon(beacon(2, range_m=0.0)).range_m == least_m
+    swarm = Swarm(MISSION, 1, OperatorOrders())
+    assert swarm.sanitise_beacon(beacon(2, range_m=0.0), 1.0).range_m == least_m
     for told_m in (least_m, radio.full_range_m):
-        assert swarm.sanitise_beacon(beacon(2, range_m=told_m)).range_m == told_m
+        assert swarm.sanitise_beacon(beacon(2, range_m=told_m), 1.0).range_m == told_m
 
 
 @pytest.mark.parametrize(
@@ -79,7 +80,7 @@ def test_how_good_it_is_counts_in_the_score(battery_percent: int | None, recepti
 
 def test_where_all_have_satellites_the_list_is_all_there_is() -> None:
     mission = ranging_mission(swarm={"gnss": "all", "leader_priority": [2, 1]})
-    swarm = Swarm(mission, 1)
+    swarm = Swarm(mission, 1, OperatorOrders())
     assert Priorities(mission).of(1, Reception.GOOD) == 1
     swarm.receive_beacon(beacon(2, lease=Lease(2, 1000, 5, 9, established=True)), 1.0)
     assert swarm.election.lease is None
@@ -87,7 +88,7 @@ def test_where_all_have_satellites_the_list_is_all_there_is() -> None:
 
 def test_a_swarm_whose_leader_has_lost_its_place_does_not_leave_d1_until_it_has_it_again() -> None:
     """It would turn back at once."""
-    swarm = Swarm(MISSION, 1)
+    swarm = Swarm(MISSION, 1, OperatorOrders())
     swarm.phases.adopt_phase(SwarmPhase.GATHER, 0.0)
     swarm.roster.done = 0b1111
     for k in range(50):

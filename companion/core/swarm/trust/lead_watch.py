@@ -1,0 +1,173 @@
+"""The watch on a leader, by what is observed here: how it came to lead, and where its lead has brought this one.
+
+While a leader with the majority is heard of, no other one in radio contact can come to lead but by its hand-over: each
+that hears the leader's lease follows it. So one that follows it, or claims in vain, and says a moment later that it
+leads, is not believed. (One that was not heard meanwhile may come from another part: that one is, by the election's
+rank.)
+
+A leader that brings this vehicle far from the way that it was told when the swarm set out, or gets it nowhere for
+longer than one waits that keeps the mission's times, is given up: by the own odometry, of which only differences count.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, final
+
+from companion.core.model.beacon import Beacon, Lease
+from companion.core.model.states import SwarmPhase
+from companion.core.model.vectors import add
+from companion.core.swarm.election import Election
+from companion.core.swarm.phases import STUCK_LAND_S, TOO_FEW_LAND_S, Phases
+from mission.common.forming import FORMING_LIMIT_S
+from mission.common.frames import Vec3
+from mission.document.model import AtEnd, Mission
+
+FRESH_PERIODS: Final = 5  # since news of the leader: those in radio contact have had some, too
+APART_PERIODS: Final = 15  # not heard for so long, one may have lost the leader and come to lead elsewhere
+CORRIDOR_M: Final = 15.0  # beside the way d1-d2, over half of a formation: detours and searches are that wide
+LEFT_PERIODS: Final = 20  # T_L
+SLACK_S: Final = 60.0  # beyond the mission's own times
+MOVED_M: Final = 5.0
+TOLD_S: Final = 1.0  # after a phase has begun: where it leads comes a beacon or two later
+
+
+@final
+class LeadWatch:
+    """One vehicle's; bounded by the swarm's size."""
+
+    __slots__ = (
+        "_apart_s",
+        "_beacons",
+        "_holds",
+        "_left",
+        "_limits_s",
+        "_moved_ned_m",
+        "_moved_s",
+        "_phase",
+        "_usurpers",
+        "_way_ned_m",
+        "_width_m",
+    )
+
+    def __init__(self, mission: Mission) -> None:
+        self._width_m: Final = CORRIDOR_M + 0.5 * mission.radio.transit_range_m
+        self._limits_s: Final = [visit.duration_s + FORMING_LIMIT_S + SLACK_S for visit in mission.visits]
+        self._holds: Final = mission.route.at_end is AtEnd.HOLD
+        self._apart_s: Final = APART_PERIODS / mission.radio.beacon_rate_hz
+        self._beacons: dict[int, tuple[float, Lease | None]] = {}  # by sender: when, and whom it followed
+        self._usurpers: set[int] = set()
+        self._phase = SwarmPhase.ASSEMBLE
+        # Where it was when the swarm left d1, and where it was told then, and at each tree, that the way leads.
+        self._way_ned_m: list[Vec3] = []
+        self._left = 0  # periods beside the way
+        self._moved_ned_m: Vec3 | None = None
+        self._moved_s = 0.0
+
+    # --- how one came to lead ---
+
+    def note_claim(self, beacon: Beacon, election: Election, now_s: float) -> bool:
+        """A member's own beacon; False: it says that it leads, as it cannot have come to."""
+        sender, lease = beacon.sender, beacon.lease
+        before = self._beacons.get(sender)
+        self._beacons[sender] = (now_s, lease)
+        if not _leads(sender, lease):
+            self._usurpers.discard(sender)
+            return True
+        mine = election.lease
+        if mine is None or not (mine.established and mine.quorum) or not self._is_fresh(election):
+            self._usurpers.discard(sender)
+            return True  # without the majority another may well lead those that have it
+        if mine.leader == sender:
+            self._usurpers.discard(sender)
+            return True
+        if sender in self._usurpers:
+            return False
+        if before is None or now_s - before[0] > self._apart_s or _leads(sender, before[1]):
+            return True  # as it was when it was met
+        if self._hands_over(mine, sender, now_s):
+            return True
+        self._usurpers.add(sender)
+        return False
+
+    def may_lead(self, vehicle: int) -> bool:
+        """Nothing here contradicts it."""
+        return vehicle not in self._usurpers
+
+    def find_own_word(self, leader: int, now_s: float) -> Lease | None:
+        """The lease as its leader's own last beacon has it; None: it is not heard, or does not lead."""
+        heard = self._beacons.get(leader)
+        if heard is None or now_s - heard[0] > self._apart_s or heard[1] is None or heard[1].leader != leader:
+            return None
+        return heard[1]
+
+    def _hands_over(self, mine: Lease, sender: int, now_s: float) -> bool:
+        """The leader has announced this heir: by its own word, where it is heard."""
+        own = self.find_own_word(mine.leader, now_s) or mine
+        return own.heir == sender and own.ends > 0
+
+    @staticmethod
+    def _is_fresh(election: Election) -> bool:
+        return election.acts or election.age <= FRESH_PERIODS
+
+    # --- where its lead has brought this one ---
+
+    def find_fault(
+        self, pos_ned_m: Vec3, dest_ned_m: Vec3 | None, phases: Phases, now_s: float, *, follows: bool
+    ) -> str:
+        """Each period: why the leader is given up, in words; empty: it is not. `follows`: steered, by its lead.
+
+        `dest_ned_m`: the vector to d2, or the visit before it, as it is told: never the mission's (rule 5).
+        """
+        phase = phases.phase
+        if self._moved_ned_m is None or math.dist(pos_ned_m, self._moved_ned_m) > MOVED_M or phase is not self._phase:
+            self._moved_ned_m, self._moved_s = pos_ned_m, now_s
+        self._note_way(pos_ned_m, dest_ned_m, phases, now_s)
+        self._phase = phase
+        if not follows or not phases.saw_begin:
+            self._left, self._moved_s = 0, now_s
+            return ""
+        since_s = phases.elapsed_s(now_s)
+        match phase:
+            case SwarmPhase.GATHER:
+                return "waits too long" if since_s > phases.gather_limit_s + TOO_FEW_LAND_S + SLACK_S else ""
+            case SwarmPhase.COVERAGE:
+                ends = not (self._holds and phases.stop + 1 == len(self._limits_s))
+                return "covers too long" if ends and since_s > self._limits_s[phases.stop] else ""
+            case SwarmPhase.TRANSIT | SwarmPhase.RETURN:
+                if now_s - self._moved_s > STUCK_LAND_S + SLACK_S:
+                    return "gets nowhere"
+                self._left = self._left + 1 if self._is_beside(pos_ned_m) else 0
+                return "leaves the way" if self._left > LEFT_PERIODS else ""
+        return ""
+
+    def _note_way(self, pos_ned_m: Vec3, dest_ned_m: Vec3 | None, phases: Phases, now_s: float) -> None:
+        """Keep where it sets out, and where to: news of both comes within a second."""
+        if phases.phase <= SwarmPhase.GATHER:
+            self._way_ned_m = [pos_ned_m]
+        sets_out = phases.phase is SwarmPhase.TRANSIT and phases.elapsed_s(now_s) <= TOLD_S
+        if sets_out and dest_ned_m is not None and self._way_ned_m:
+            self._way_ned_m = [*self._way_ned_m[: 1 + phases.stop], add(pos_ned_m, dest_ned_m)]
+
+    def _is_beside(self, pos_ned_m: Vec3) -> bool:
+        """By the own odometry it is farther from the way, there and back, than a formation is wide."""
+        if len(self._way_ned_m) < 2:
+            return False
+        before = self._way_ned_m[-1]
+        least_m = math.inf
+        for place in self._way_ned_m:
+            least_m = min(least_m, _level_distance_m(pos_ned_m, before, place))
+            before = place
+        return least_m > self._width_m
+
+
+def _leads(sender: int, lease: Lease | None) -> bool:
+    return lease is not None and lease.leader == sender and lease.established
+
+
+def _level_distance_m(here: Vec3, a: Vec3, b: Vec3) -> float:
+    """From the line a-b."""
+    along = (b[0] - a[0], b[1] - a[1])
+    length2 = max(along[0] ** 2 + along[1] ** 2, 1e-9)
+    share = max(0.0, min(1.0, ((here[0] - a[0]) * along[0] + (here[1] - a[1]) * along[1]) / length2))
+    return math.hypot(here[0] - a[0] - share * along[0], here[1] - a[1] - share * along[1])

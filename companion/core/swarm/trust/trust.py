@@ -1,0 +1,142 @@
+"""Judges members' words before election, phases and routes take them in: see the modules beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final, final
+
+from companion.core.guidance.formation import Route
+from companion.core.model.beacon import Beacon, Lease
+from companion.core.model.neighbour import Neighbour
+from companion.core.model.states import Role
+from companion.core.model.vectors import limit, norm
+from companion.core.swarm.election import Election
+from companion.core.swarm.phases import Phases
+from companion.core.swarm.picture import Picture
+from companion.core.swarm.priorities import Priorities
+from companion.core.swarm.trust.blocklist import DOUBT_LIMIT, Blocklist, strip_beacon
+from companion.core.swarm.trust.lead_watch import LeadWatch
+from companion.core.swarm.trust.phase_gate import PhaseGate
+from companion.core.swarm.trust.relay_watch import LEAST_COST, Patience, breaks_route, find_contradicting
+from mission.document.model import Mission
+
+RANGE_STEP_M: Final = 0.1  # in which beacons tell the range of a radio
+PERIODS_BESIDE: Final = 2  # that a leader's count goes on beyond what time has passed: an early beacon, a late tick
+PLAIN_LIE: Final = 3.0  # what no lost beacon explains weighs more
+PHASE_LIE: Final = 0.5  # over T_L a leader may come to its senses
+
+
+@final
+class Trust:
+    """One vehicle's. `sanitise_beacon` and `receive_beacon` each beacon, `run_period` each beacon period."""
+
+    def __init__(self, mission: Mission, me: int, priorities: Priorities) -> None:
+        self._me, self._priorities = me, priorities
+        self.blocklist = Blocklist(mission.swarm.size)
+        self.gate = PhaseGate(mission, me)
+        self._leads = LeadWatch(mission)
+        self._patience = Patience()
+        self._range_m = mission.radio.full_range_m
+        self._fastest_mps = mission.limits.speed_max_mps
+        self._least_range_m = min(mission.radio.transit_range_m, mission.radio.full_range_m)
+        self._period_s = 1.0 / mission.radio.beacon_rate_hz
+        self._own_words_s: dict[int, tuple[int, float]] = {}  # by leader: the count of its own last beacon, and when
+
+    # --- each beacon ---
+
+    def sanitise_beacon(self, beacon: Beacon, now_s: float) -> Beacon:
+        """The same without what no member truly says: a priority, reference, range, route that none has."""
+        if self.blocklist.has(beacon.sender):
+            return strip_beacon(beacon)
+        candidate = beacon.candidate
+        if candidate is not None and not self._priorities.may_have(candidate.priority, candidate.vehicle):
+            beacon = replace(beacon, candidate=None)
+        if norm(beacon.ref_ned_mps) > self._fastest_mps:
+            beacon = replace(beacon, ref_ned_mps=limit(beacon.ref_ned_mps, self._fastest_mps))
+        if beacon.range_m < self._least_range_m - RANGE_STEP_M:
+            beacon = replace(beacon, range_m=self._least_range_m)
+        if breaks_route(beacon):
+            self.blocklist.note_doubt(beacon.sender, "route cost is false", PLAIN_LIE, now_s)
+            beacon = replace(beacon, route_cost=LEAST_COST)
+        return beacon
+
+    def receive_lease(self, beacon: Beacon, election: Election, now_s: float) -> bool:
+        """A new beacon of another member, for the election: its lease, as far as it counts; True: it is news."""
+        lease, sender = beacon.lease, beacon.sender
+        if not self._leads.note_claim(beacon, election, now_s):
+            self.blocklist.note_doubt(sender, "leads unasked", 1.0, now_s)
+        if lease is None or self.blocklist.has(lease.leader) or not self._leads.may_lead(lease.leader):
+            return False
+        if not self._priorities.may_have(lease.priority, lease.leader):
+            return False
+        if sender == lease.leader:
+            self._own_words_s[sender] = (lease.seq, now_s)
+        believed = self._correct_lease(sender, lease, now_s)
+        return believed is not None and election.receive_lease(believed, beacon.hop)
+
+    def _correct_lease(self, sender: int, lease: Lease, now_s: float) -> Lease | None:
+        """A relay's word of a leader that is heard here: its count as far as time has passed, the rest its own."""
+        own = None if sender == lease.leader else self._leads.find_own_word(lease.leader, now_s)
+        if own is None:
+            return lease
+        seq, at_s = self._own_words_s.get(lease.leader, (own.seq, now_s))
+        if lease.seq > seq + int((now_s - at_s) / self._period_s) + PERIODS_BESIDE:
+            return None
+        if (lease.heir, lease.ends, lease.established, lease.quorum) == (
+            own.heir,
+            own.ends,
+            own.established,
+            own.quorum,
+        ):
+            return lease
+        return replace(lease, heir=own.heir, ends=own.ends, established=own.established, quorum=own.quorum)
+
+    def believes_phase(
+        self, beacon: Beacon, election: Election, phases: Phases, now_s: float, *, is_news: bool
+    ) -> bool:
+        """The phase that it tells may be gone over to: it is of the leader that is followed, and see `PhaseGate`."""
+        self.gate.store(beacon, now_s)
+        lease, mine = beacon.lease, election.lease
+        if lease is None or mine is None or lease.leader != mine.leader or election.role is Role.CLAIMANT:
+            return False
+        if self.gate.is_believed(beacon, phases, election.hop, now_s, is_news=is_news):
+            return True
+        if beacon.sender == mine.leader and self.gate.is_foul(beacon, phases, now_s):
+            self.blocklist.note_doubt(beacon.sender, "phase is false", PHASE_LIE, now_s)
+        return False
+
+    # --- each beacon period ---
+
+    def run_period(
+        self, picture: Picture, election: Election, phases: Phases, *, is_held: bool
+    ) -> list[tuple[int, str]]:
+        """Find those that are not believed any more, and give up the leader that is one; which, and why in words.
+
+        `is_held`: by an operator, so no leader can get it anywhere.
+        """
+        now_s, own, lease = picture.now_s, picture.own, election.lease
+        if own is not None:
+            follows = picture.is_steered and not is_held and election.role is Role.FOLLOWER and lease is not None
+            self.gate.note_position(own.pos_ned_m, phases.phase)
+            fault = self._leads.find_fault(own.pos_ned_m, picture.dest_ned_m, phases, now_s, follows=follows)
+            if fault and lease is not None:
+                self.blocklist.note_doubt(lease.leader, fault, DOUBT_LIMIT, now_s)
+        self.blocklist.fade(now_s)
+        if lease is not None and self.blocklist.has(lease.leader):
+            election.depose()
+        return self.blocklist.take_news()
+
+    def find_views(self, heard: Sequence[Beacon]) -> list[Beacon]:
+        """The beacons whose views of the leader count."""
+        return [beacon for beacon in heard if not self.blocklist.has(beacon.sender)]
+
+    def check_route(self, route: Route, neighbours: Sequence[Neighbour], lease: Lease | None, now_s: float) -> None:
+        """A follower's route: of those that it goes by, one may hand down what is not so."""
+        false = 0 if lease is None else find_contradicting(route, neighbours, lease.leader)
+        if false:
+            self.blocklist.note_doubt(false, "hands down a false course", 1.0, now_s)
+
+    def filter_followers(self, followers: list[Neighbour], now_s: float) -> list[Neighbour]:
+        """The followers whose governor counts."""
+        return self._patience.filter_followers(followers, now_s, range_m=self._range_m)

@@ -1,0 +1,1 @@
+"""The operator's end: orders made and sent (`station`), counted (`order_file`), also for a ground station."""

@@ -1,0 +1,186 @@
+"""`companion order`: listen, order, and see who acts on it; or a ground station's commands made orders."""
+
+from __future__ import annotations
+
+import argparse
+import secrets
+import select
+import sys
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Final
+
+from companion.keys.key_file import KeyFileError, load_keyring
+from companion.keys.keyring import OPERATOR
+from companion.keys.process import harden_process
+from companion.mavlink.orders.order import OrderKind
+from companion.mavlink.peers.guard import SignedGuard
+from companion.mavlink.peers.session import OPERATOR_ID
+from companion.order.ground_station import GroundStation
+from companion.order.order_file import SUFFIX, OperatorFile, OrderFileError
+from companion.order.station import OperatorStation, list_ids
+from companion.shell.links import Link, LinkError, open_link
+from companion.shell.radio_keys import mission_digest, open_radio_session
+from companion.shell.runner import Stop
+from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
+from mission.common.problems import MissionError, printable
+from mission.document.load import load_mission
+
+EXIT_NOT_ALL = 1
+TICK_S: Final = 0.05
+READS_MAX: Final = 512  # datagrams before the next turn
+LISTEN_S: Final = 3.0  # before a START, and where no flight is known: a boot is proven once a second
+SETTLE_S: Final = 1.0  # after the last question, for what came meanwhile
+SEEN_S: Final = 1.0  # sent at least so long: somebody may not have been heard yet
+SHOWN_S: Final = 1.0  # between lines
+
+
+class _RefusedError(Exception):
+    def __init__(self, code: int, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+def order(arguments: argparse.Namespace) -> int:
+    """The exit code."""
+    harden_process()
+    try:
+        with ExitStack() as opened:
+            return _order(arguments, opened)
+    except _RefusedError as refusal:
+        print(f"companion: {refusal}", file=sys.stderr)
+        return refusal.code
+    except OSError as error:  # the order's count could not be written: it was not sent
+        print(f"companion: {arguments.key}{SUFFIX}: {error.strerror}: nothing was ordered", file=sys.stderr)
+        return EXIT_ENVIRONMENT
+
+
+def _order(arguments: argparse.Namespace, opened: ExitStack) -> int:
+    try:
+        keyring = load_keyring(arguments.key, OPERATOR)
+        mission = load_mission(arguments.mission)
+        digest = mission_digest(arguments.mission)
+        file = OperatorFile(Path(f"{arguments.key}{SUFFIX}"), lambda: time.time_ns() // 1_000_000)
+        knows_flight = file.knows_flight(digest)
+        link = _open(arguments.peers, opened)
+        ground = _open(arguments.ground_station, opened) if arguments.order_command == "gateway" else None
+    except (KeyFileError, OrderFileError) as error:
+        raise _RefusedError(EXIT_BAD_FILE, str(error)) from None
+    except MissionError as error:
+        raise _RefusedError(EXIT_BAD_FILE, f"the mission is refused\n{error}") from None
+    except LinkError as error:
+        raise _RefusedError(EXIT_ENVIRONMENT, str(error)) from None
+    size = mission.swarm.size
+    guard = SignedGuard(open_radio_session(keyring, OPERATOR_ID, arguments.mission))
+    station = OperatorStation(keyring.seed, digest, size, file=file, draw=secrets.token_bytes, guard=guard)
+    with Stop() as stop:
+        radio = _Radio(station, link, stop)
+        if ground is not None:
+            print(f"orders of {printable(str(arguments.ground_station))} go to {arguments.peers}", flush=True)
+            radio.serve(GroundStation(station, size, _show), ground)
+            return EXIT_DONE
+        kind = OrderKind[arguments.order_command.upper()]
+        if kind is OrderKind.START or not knows_flight:
+            radio.run(LISTEN_S)
+        hand_back = 0
+        if kind is OrderKind.START:
+            hand_back = arguments.hand_back
+            if not 0 <= hand_back <= size:
+                raise _RefusedError(EXIT_BAD_FILE, f"--hand-back {hand_back}: the mission has the vehicles 1 to {size}")
+            _confirm(station, size, arguments.yes)
+            radio.run(0.0 if arguments.yes else SETTLE_S)
+        return _send(radio, kind, hand_back, arguments.for_s)
+
+
+def _confirm(station: OperatorStation, size: int, yes: bool) -> None:
+    now_s = time.monotonic()
+    heard, missing = station.vehicles(now_s), station.not_ready(now_s)
+    _show(f"ready: {list_ids([k for k in heard if k not in missing]) or 'none'}")
+    for vehicle, why in missing.items():
+        _show(f"vehicle {vehicle}: {why}")
+    if not heard:
+        raise _RefusedError(EXIT_NOT_ALL, "no vehicle is heard: nothing was ordered")
+    if yes:
+        return
+    if not sys.stdin.isatty():
+        raise _RefusedError(EXIT_BAD_FILE, "a start is confirmed at a terminal, or with --yes: nothing was ordered")
+    without = f", without {list_ids(list(missing))}" if missing else ""
+    if input(f"Start {size - len(missing)} of {size} vehicles{without}? [y/N] ").strip().lower() not in ("y", "yes"):
+        raise _RefusedError(EXIT_BAD_FILE, "not confirmed: nothing was ordered")
+
+
+def _send(radio: _Radio, kind: OrderKind, hand_back: int, for_s: float) -> int:
+    """Until all that are heard act on it, or the time is up."""
+    station, begun_s = radio.station, time.monotonic()
+    station.send_order(kind, begun_s, hand_back=hand_back)
+
+    def is_done(now_s: float) -> bool:
+        return now_s - begun_s >= SEEN_S and bool(station.vehicles(now_s)) and not station.waits_for(now_s)
+
+    radio.run(for_s, is_done)
+    now_s = time.monotonic()
+    heard, waits_for = station.vehicles(now_s), station.waits_for(now_s)
+    acting = [vehicle for vehicle in heard if vehicle not in waits_for]
+    _show(f"{kind.name}: {f'acting on it: {list_ids(acting)}' if acting else 'nobody is heard to act on it'}")
+    if waits_for:
+        _show(f"{kind.name}: heard, and not acting on it: {list_ids(waits_for)}")
+    return EXIT_DONE if heard and not waits_for else EXIT_NOT_ALL
+
+
+class _Radio:
+    """The loop."""
+
+    def __init__(self, station: OperatorStation, link: Link, stop: Stop) -> None:
+        self.station = station
+        self._link, self._stop = link, stop
+        self._due_s = time.monotonic()
+
+    def run(self, for_s: float, is_done: Callable[[float], bool] = lambda _now_s: False) -> None:
+        """Hear and send, for so long."""
+        end_s = time.monotonic() + for_s
+        while not self._stop.reason:
+            now_s = self._turn(self._link.fileno())
+            if now_s >= end_s or is_done(now_s):
+                return
+
+    def serve(self, ground_station: GroundStation, link: Link) -> None:
+        """The same, with a ground station's commands, until it is stopped."""
+        while not self._stop.reason:
+            now_s = self._turn(self._link.fileno(), link.fileno())
+            for data in _drain(link):
+                ground_station.receive(data, now_s)
+            for datagram in ground_station.datagrams(now_s):
+                link.send(datagram)
+
+    def _turn(self, *fds: int) -> float:
+        """Wait for data, or until something is due; hear, and send. The time."""
+        select.select((*fds, self._stop.fileno()), (), (), max(0.0, self._due_s - time.monotonic()))
+        now_s = time.monotonic()
+        for data in _drain(self._link):
+            self.station.receive(data, now_s)
+        if now_s >= self._due_s:
+            self._due_s = max(self._due_s + TICK_S, now_s)
+            for datagram in self.station.datagrams(now_s):
+                self._link.send(datagram)
+            for line in self.station.lines():
+                _show(line)
+        return now_s
+
+
+def _drain(link: Link) -> list[bytes]:
+    found: list[bytes] = []
+    while len(found) < READS_MAX and (data := link.recv()) is not None:
+        found.append(data)
+    return found
+
+
+def _open(url: object, opened: ExitStack) -> Link:
+    link = open_link(url, hears_all=True)  # type: ignore[arg-type]
+    opened.callback(link.close)
+    return link
+
+
+def _show(line: str) -> None:
+    print(line, flush=True)

@@ -1,0 +1,62 @@
+"""The keys of a radio, opened: a companion's, with the book of its operator's orders, and the base station's."""
+
+from __future__ import annotations
+
+import os
+from contextlib import ExitStack
+from typing import NamedTuple
+
+from companion.keys.fingerprints import summary
+from companion.keys.key_file import load_keyring
+from companion.keys.keyring import OPERATOR, Keyring
+from companion.keys.process import harden_process
+from companion.mavlink.orders.book import OrderBook
+from companion.mavlink.peers.guard import Guard, SignedGuard
+from companion.mavlink.peers.session import BASE_ID, Session, open_session
+from companion.shell.orders import orders_of, orders_path
+from mission.document.load import mission_sha256
+
+BOOT_BYTES = 4
+UNSIGNED = "UNSIGNED (no --key): whoever is in radio range can start, lead and land this vehicle"
+
+
+class RadioKeys(NamedTuple):
+    """Of one start of a companion."""
+
+    guard: Guard | None  # None: whoever is in range is heard
+    orders: OrderBook | None
+    lines: list[str]  # for the log
+
+
+def open_keys(
+    key: str | None, mission: str, vehicle_id: int, size: int, log: str | None, opened: ExitStack, *, beside_loop: bool
+) -> RadioKeys:
+    """`key`, `mission`: files. KeyFileError; OSError: the folder of the orders' file is not there."""
+    if key is None:
+        return RadioKeys(None, None, [UNSIGNED])
+    weakness = harden_process()
+    keyring = load_keyring(key, vehicle_id)
+    session = open_radio_session(keyring, vehicle_id, mission)
+    digest, path = mission_digest(mission), orders_path(log, vehicle_id)
+    orders = orders_of(keyring, digest, size, session.boot, path, opened, beside_loop=beside_loop)
+    lines = [f"radio signed: {summary(keyring)}", *([weakness] if weakness else [])]
+    return RadioKeys(SignedGuard(session), orders, lines)
+
+
+def open_base_guard(key: str | None, mission: str) -> Guard | None:
+    """The base station's, by the operator's key file; None: whoever is in range is heard. KeyFileError."""
+    if key is None:
+        return None
+    harden_process()
+    return SignedGuard(open_radio_session(load_keyring(key, OPERATOR), BASE_ID, mission))
+
+
+def open_radio_session(keyring: Keyring, me: int, mission: str) -> Session:
+    """Of this start: its boot is drawn. `mission`: its file."""
+    boot = int.from_bytes(os.urandom(BOOT_BYTES), "little") or 1
+    return open_session(keyring, me, mission_digest(mission), boot)
+
+
+def mission_digest(mission: str) -> bytes:
+    """SHA-256 of a mission file, as sha256sum has it."""
+    return bytes.fromhex(mission_sha256(mission))

@@ -1,0 +1,183 @@
+"""A signed radio: what is forged or sent again, by the million; what it costs a companion, and the air.
+
+Frames are those of two guards that have met. The cost is CPU time of one companion's exact traffic, replayed with keys
+and without in one run; who is listened to, and from when on, is drawn.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import random
+import statistics
+import time
+from collections.abc import Callable, Sequence
+
+from companion.mavlink import beacon as swarm_beacon
+from companion.mavlink.endpoint import Endpoint
+from companion.mavlink.own_messages import decode_beacon
+from companion.mavlink.peers.frame_mac import TIMESTAMP_MAX, seal, timestamp_of
+from companion.mavlink.peers.session import open_session
+from mission.document.load import load_mission
+from mission.document.model import Mission
+from sim_bridge.drive import fly
+from sim_bridge.drive.lockstep.fleet_keys import FleetKeys
+from sim_bridge.drive.lockstep.lockstep import InProcess
+from sim_bridge.world.world import DEFAULT_ORIGIN, World
+from tests.bench.flights import EXAMPLES
+from tests.bench.live import point_masses
+from tests.unit.mavlink.signing_kit import MISSION, PERIOD_S, Node, beacon_frame, exchange, keyring, met
+
+BEFORE_TICKS, TICKS = 900, 300  # as tests.bench.tick: on the ground, assembling, departing
+ROUNDS = 7
+RECORDED = 200  # frames that are sent again
+EPOCH = 0
+RING_M = 0.95  # of the ring's radius a vehicle: there is room for all
+
+Frames = Callable[[random.Random], bytes]
+
+
+def kinds(one: Node, two: Node, now_s: float) -> dict[str, Frames]:
+    """Frames in vehicle 1's name that vehicle 2 must not take."""
+    genuine = [one.send(round(now_s + k * PERIOD_S, 6))[0] for k in range(RECORDED)]
+    for k, frame in enumerate(genuine):
+        two.receive([frame], now_s + k * PERIOD_S)
+    earlier = Node(1, boot=99)
+    exchange([earlier, Node(2, boot=98)], now_s, 20)
+    old = [earlier.send(round(now_s + k * PERIOD_S, 6))[0] for k in range(RECORDED)]
+    own_key = open_session(keyring(1), 1, MISSION, 1001).stream_key(EPOCH, 1, 1001) or b""
+    other_key = open_session(keyring(1), 1, b"n" * 32, 1001).stream_key(EPOCH, 1, 1001) or b""
+    ahead = timestamp_of(genuine[-1]) + 1_000_000
+    unheard = [one.guard.seal(beacon_frame(1), now_s) for _ in range(RECORDED)]
+
+    def changed(rng: random.Random) -> bytes:
+        frame = bytearray(rng.choice(unheard))  # new, but for one bit
+        frame[rng.randrange(len(frame))] ^= 1 << rng.randrange(8)
+        return bytes(frame)
+
+    return {
+        "forged, without a key": lambda rng: seal(beacon_frame(1), rng.randbytes(32), EPOCH, ahead),
+        "a bit changed": changed,
+        "sent again": lambda rng: rng.choice(genuine),
+        "of an earlier boot": lambda rng: rng.choice(old),
+        "of another mission": lambda _: seal(beacon_frame(1), other_key, EPOCH, ahead),
+        "by a member, far ahead": lambda rng: seal(
+            beacon_frame(1), own_key, EPOCH, rng.choice((TIMESTAMP_MAX, ahead * 2, ahead + 100_000_000))
+        ),
+    }
+
+
+def attack(count: int, seed: int) -> int:
+    """A row a kind; the number of frames that were taken."""
+    taken_in_all = 0
+    print("| frames in another's name | sent | taken | the next genuine one |\n|---|---|---|---|")
+    for name in kinds(*_two()):
+        (one, two), now_s = met(1, 2)
+        make, rng = kinds(one, two, now_s)[name], random.Random(f"{seed} {name}")
+        at_s = now_s + RECORDED * PERIOD_S
+        taken = sum(_takes(two, make(rng), at_s) for _ in range(count))
+        genuine = one.send(at_s + 0.01)[0]
+        print(f"| {name} | {count:,} | {taken} | {'taken' if _takes(two, genuine, at_s + 0.01) else 'LOST'} |")
+        taken_in_all += taken
+    return taken_in_all
+
+
+def _two() -> tuple[Node, Node, float]:
+    (one, two), now_s = met(1, 2)
+    return one, two, now_s
+
+
+def _takes(node: Node, frame: bytes, now_s: float) -> bool:
+    fields = swarm_beacon.unpack(frame)
+    return fields is not None and node.guard.admits(frame, now_s, decode_beacon(frame[5], fields))
+
+
+# --- what it costs ---
+
+
+class _Noting:
+    """A companion in this process whose traffic is kept."""
+
+    def __init__(self, mission: Mission, vehicle_id: int, keys: FleetKeys | None) -> None:
+        guard = None if keys is None else keys.guard(vehicle_id)
+        self._companion = InProcess(
+            mission, vehicle_id, guard=guard, orders=None if keys is None else keys.orders(vehicle_id)
+        )
+        self.id = vehicle_id
+        self.receive, self.kill, self.close = self._companion.receive, self._companion.kill, self._companion.close
+        self.traffic: list[tuple[float, bytes, bytes]] = []
+        self.sent_bytes = 0
+
+    def send(self, from_peers: bytes, from_autopilot: bytes, now_s: float, from_sensor: bytes = b"") -> None:
+        self.traffic.append((now_s, from_peers, from_autopilot))
+        self._companion.send(from_peers, from_autopilot, now_s, from_sensor)
+        self.sent_bytes += len(self.receive()[0]) if len(self.traffic) > BEFORE_TICKS else 0
+
+
+def cost(size: int, seed: int) -> None:
+    """A row: a tick with keys and without, and the bytes that a vehicle sends."""
+    values = load_mission(EXAMPLES / "lone_tree.toml").model_dump(by_alias=True)
+    values["coverage"]["radius_m"] = max(values["coverage"]["radius_m"], RING_M * size)
+    mission = Mission.model_validate(values).with_size(size).with_seed(seed).with_origin(DEFAULT_ORIGIN)
+    rng = random.Random(seed)
+    listened = rng.randrange(1, size + 1)
+    flown = {signed: _recorded(mission, signed) for signed in (False, True)}
+    spent: dict[bool, list[float]] = {False: [], True: []}
+    for _ in range(ROUNDS):
+        for signed, companions in flown.items():
+            spent[signed].append(_replayed_us(mission, listened, companions[listened].traffic, signed))
+    plain, signed = (statistics.median(spent[key]) for key in (False, True))
+    ratio = statistics.median(b / a for a, b in zip(spent[False], spent[True], strict=True))
+    air = [sum(one.sent_bytes for one in flown[key].values()) / size / (TICKS / 20) for key in (False, True)]
+    print(f"| {size} | {plain:.0f} us | {signed:.0f} us | {ratio:.2f} | {air[0]:.0f} | {air[1]:.0f} |")
+
+
+def _recorded(mission: Mission, signed: bool) -> dict[int, _Noting]:
+    keys = FleetKeys(mission) if signed else None
+    world = World(mission, point_masses, links=fly.LINKS)
+    companions = {k: _Noting(mission, k, keys) for k in world.vehicles}
+    keyholder = None if keys is None else keys.operator(world)
+    flight = fly.Flight(mission, list(companions.values()), world, None, keyholder=keyholder)
+    for _ in range(BEFORE_TICKS + TICKS):
+        flight.tick()
+    flight.close()
+    return companions
+
+
+def _replayed_us(
+    mission: Mission, vehicle_id: int, traffic: Sequence[tuple[float, bytes, bytes]], signed: bool
+) -> float:
+    keys = FleetKeys(mission)
+    endpoint = Endpoint(
+        mission,
+        vehicle_id,
+        guard=keys.guard(vehicle_id) if signed else None,
+        orders=keys.orders(vehicle_id) if signed else None,
+    )
+    endpoint.agent.waive("all")
+    gc.collect()
+    gc.freeze()
+    spent_ns = 0
+    for at, (now_s, from_peers, from_autopilot) in enumerate(traffic):
+        began_ns = time.thread_time_ns()
+        endpoint.from_peers(from_peers, now_s)
+        endpoint.from_autopilot(from_autopilot, now_s)
+        endpoint.tick(now_s)
+        spent_ns += time.thread_time_ns() - began_ns if at >= BEFORE_TICKS else 0
+    gc.unfreeze()
+    return spent_ns / TICKS / 1e3
+
+
+def main(argv: Sequence[str]) -> int:
+    """Exit code 1 when a frame was taken."""
+    parser = argparse.ArgumentParser(prog="python -m tests.bench signed-radio", description=__doc__)
+    parser.add_argument("--frames", type=int, default=1_000_000, metavar="N", help="of each kind (default: 10^6)")
+    parser.add_argument("--sizes", type=int, nargs="*", default=[4, 12, 24], metavar="N", help="vehicles")
+    parser.add_argument("--seed", type=int, default=9000, metavar="S")
+    args = parser.parse_args(argv)
+    taken = attack(args.frames, args.seed) if args.frames else 0
+    print("\n| vehicles | a tick, unsigned | signed | ratio | bytes a second, unsigned | signed |")
+    print("|---|---|---|---|---|---|")
+    for at, size in enumerate(args.sizes):
+        cost(size, args.seed + at)
+    return 1 if taken else 0

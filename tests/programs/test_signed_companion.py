@@ -1,0 +1,84 @@
+"""`companion run --key`: whose key it is, and what the log says with one and without."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+LIMIT_S = 60.0
+URL = "udpout://127.0.0.1:9"
+
+
+@pytest.fixture
+def fleet(tmp_path: Path) -> Path:
+    folder = tmp_path / "fleet"
+    made = run_companion("key", "new", str(folder), "--vehicles", "2")
+    assert made.returncode == 0, made.stderr
+    return folder
+
+
+@pytest.fixture
+def mission(tmp_path: Path) -> Path:
+    file = tmp_path / "two.toml"
+    file.write_text(
+        "schema = 1\n[swarm]\nsize = 2\n[origin]\nlat_deg = 47.0\nlon_deg = 8.0\nalt_m = 400.0\n"
+        "[route]\nd1_enu_m = [0, 0, 8]\nd2_enu_m = [40, 0, 8]\nvel_leader_mps = 2.0\n"
+    )
+    return file
+
+
+def run_companion(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "companion.cli", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+
+
+def flown_log(mission: Path, *options: str) -> str:
+    """The log of a companion that has come to its loop, and was stopped."""
+    links = ("--autopilot", URL, "--peers", URL)
+    command = [sys.executable, "-m", "companion.cli", "run", "--mission", str(mission), "--id", "1", *links, *options]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=mission.parent) as process:
+        assert process.stderr is not None
+        lines: list[str] = []
+        for line in process.stderr:
+            lines.append(line)
+            if "GROUNDED" in line:
+                break
+        process.terminate()
+        lines += process.stderr
+        assert process.wait(LIMIT_S) == 0
+    return "".join(lines)
+
+
+def test_log_says_that_a_radio_without_a_key_is_unsigned(mission: Path) -> None:
+    assert "UNSIGNED (no --key): whoever is in radio range can start, lead and land" in flown_log(mission)
+
+
+def test_log_shows_whose_key_it_is_and_no_secret(mission: Path, fleet: Path) -> None:
+    key = fleet / "vehicle-1.key"
+    log = flown_log(mission, "--key", str(key))
+    assert "radio signed: vehicle 1" in log
+    assert "UNSIGNED" not in log
+    hexadecimal = [word for word in key.read_text().split('"') if len(word) == 64]
+    assert hexadecimal
+    assert not any(word in log for word in hexadecimal)
+
+
+@pytest.mark.parametrize("file", ["vehicle-2.key", "operator.key", "none.key"])
+def test_key_of_another_is_refused(mission: Path, fleet: Path, file: str) -> None:
+    links = ("--autopilot", URL, "--peers", URL)
+    done = run_companion("run", "--mission", str(mission), "--id", "1", *links, "--key", str(fleet / file))
+    assert done.returncode == 2
+    assert f"companion: --key {fleet / file}: " in done.stderr
+
+
+def test_key_that_others_may_read_is_refused(mission: Path, fleet: Path) -> None:
+    key = fleet / "vehicle-1.key"
+    os.chmod(key, 0o644)
+    links = ("--autopilot", URL, "--peers", URL)
+    done = run_companion("run", "--mission", str(mission), "--id", "1", *links, "--key", str(key))
+    assert done.returncode == 2
+    assert "--key" in done.stderr

@@ -1,0 +1,58 @@
+"""Beacons of an insider: what goes on the air is a valid beacon of its own id, and lies."""
+
+from __future__ import annotations
+
+import pytest
+
+from companion.mavlink.beacon import COMPONENT, beacons
+from companion.mavlink.framing import wire
+from companion.mavlink.own_messages import decode_beacon
+from mission.common.frames import Vec3
+from mission.document.model import Mission
+from mission.schema.kinds import Lie
+from sim_bridge.drive.links.insider import Insiders
+from sim_bridge.drive.links.transmitter import Transmitter
+from sim_bridge.world.radio import Radio
+from sim_bridge.world.world import DEFAULT_ORIGIN
+from tests.unit.core.core_kit import lease, mission
+from tests.unit.drive.links.test_transmitter import CLOSE, frame
+
+SENT = {"lease": lease(2, 77, established=True), "hop": 1, "route_cost": 1.0, "dest_ned_m": (50.0, 0.0, 0.0)}
+
+
+def flies(seed: int = 1) -> Mission:
+    return mission(swarm={"size": 3}, sim={"seed": seed}).with_origin(DEFAULT_ORIGIN)
+
+
+def told(lie: Lie, seed: int = 1, *, places: dict[int, Vec3] = CLOSE) -> bytes:
+    """What 2 receives of a beacon of 1."""
+    air = Radio(range_m=30.0, loss=0.0, delay_s=0.0, seed=1)
+    air.place(places)
+    insiders = Insiders(flies(seed))
+    insiders.set_lies({1: lie})
+    companions = Transmitter(air, insiders)
+    assert companions.send(1, frame(1, **SENT), 1.0) == (frame(1, **SENT),)  # kept, and judged, as it said it
+    return air.deliver(2, 1.0)
+
+
+@pytest.mark.parametrize("lie", [lie for lie in Lie if lie is not Lie.RANGES])
+@pytest.mark.parametrize("seed", range(8))
+def test_what_goes_on_the_air_is_a_believable_beacon_of_its_own_id(lie: Lie, seed: int) -> None:
+    ((sender, data, fields),) = beacons(told(lie, seed))
+    assert sender == 1
+    assert data != frame(1, **SENT) or lie is Lie.CLOCK  # one that jumps later begins true
+    assert decode_beacon(1, fields) is not None
+    assert wire.frame(52100, data[10:-2], seq=0, system=1, component=COMPONENT)[:10] == data[:10]
+
+
+def test_the_same_seed_tells_the_same_lies_and_the_others_tell_the_truth() -> None:
+    assert told(Lie.PUSH, 3) == told(Lie.PUSH, 3)
+    assert told(Lie.PUSH, 3) != told(Lie.PUSH, 4)
+    insiders = Insiders(flies())
+    insiders.set_lies({1: Lie.PUSH})
+    assert insiders.find_insider(2) is None
+    first = insiders.find_insider(1)
+    insiders.set_lies({1: Lie.PUSH})
+    assert insiders.find_insider(1) is first
+    insiders.set_lies({})
+    assert insiders.find_insider(1) is None

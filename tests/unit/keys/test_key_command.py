@@ -1,0 +1,175 @@
+"""`companion key`: what it says, with which exit code, and that nothing of it is secret."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from companion import cli
+from companion.keys import command
+from companion.keys.fleet_folder import change_fleet, file_name
+from companion.keys.key_file import load_keyring
+from companion.keys.keyring import OPERATOR
+from companion.keys.rotation import Step, advance, step_of
+from tests.unit.keys.keys_kit import secret_texts
+
+FINGERPRINT = re.compile(r"\b(?:[0-9a-f]{4}:){4}[0-9a-f]{4}\b")
+
+
+@pytest.fixture(autouse=True)
+def _tests_stay_dumpable(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(command, "harden_process", lambda: "")
+
+
+@pytest.fixture
+def fleet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["key", "new", "fleet", "--vehicles", "3"]) == 0
+    return tmp_path / "fleet"
+
+
+def said(capsys: pytest.CaptureFixture[str], folder: Path, *words: str, code: int = 0) -> str:
+    """What `companion key WORDS` prints: no part of a secret that was in the folder, or is there now."""
+    capsys.readouterr()
+    secrets = secrets_in(folder)
+    assert cli.main(["key", *words]) == code
+    out, err = capsys.readouterr()
+    assert not [part for part in secrets | secrets_in(folder) if part in out + err]
+    assert (err == "") is (code in (0, 1))
+    return out + err
+
+
+def secrets_in(folder: Path) -> set[str]:
+    return {part for path in folder.glob("*.key") for part in secret_texts(load_keyring(path, None))}
+
+
+def step_in(folder: Path) -> Step:
+    return step_of(load_keyring(folder / "operator.key", OPERATOR))
+
+
+def test_new_says_what_to_do_and_refuses_what_is_there(fleet: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["key", "new", "second", "--vehicles", "3"]) == 0
+    out = capsys.readouterr().out
+    assert all(name in out for name in ("operator.key", "vehicle-1.key", "vehicle-3.key", "next: "))
+    assert not [part for part in secrets_in(fleet.with_name("second")) if part in out]
+    told = said(capsys, fleet, "new", "fleet", "--vehicles", "3", code=2)
+    assert told == f"companion: {fleet}: is there already: keys are never overwritten\n"
+
+
+@pytest.mark.parametrize("size", ["0", "251", "-1", "x", "1e2", ""])
+def test_number_of_vehicles_is_one_to_250(size: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["key", "new", "fleet", f"--vehicles={size}"])
+    assert ended.value.code == 2
+    assert "must be from 1 to 250" in capsys.readouterr().err
+
+
+def test_show_id_shows_what_is_equal_in_all_files_and_what_is_ones_own(
+    fleet: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shown = [said(capsys, fleet, "show-id", f"fleet/{file_name(owner)}") for owner in (1, 2, OPERATOR)]
+    lines = [dict((line[:14].strip(), line[14:]) for line in text.splitlines()) for text in shown]
+    assert [one.pop("owner") for one in lines] == ["vehicle 1", "vehicle 2", "the operator"]
+    assert len({one.pop("file") for one in lines}) == 3
+    assert lines[0] == lines[1] == lines[2]
+    assert list(lines[0]) == ["fleet", "epoch 0", "operator", "vehicle 1", "vehicle 2", "vehicle 3"]
+    assert all(FINGERPRINT.search(value) for value in lines[0].values())
+    assert "active" in lines[0]["epoch 0"]
+
+
+def test_rotation_goes_on_by_itself_and_says_the_step(fleet: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for step, words in (
+        (Step.NEW_ACCEPTED, "step 1 of 3"),
+        (Step.NEW_ACTIVE, "step 2 of 3"),
+        (Step.REST, "the rotation is finished"),
+    ):
+        told = said(capsys, fleet, "rotate", "fleet")
+        assert words in told
+        assert step_in(fleet) is step
+        assert ("when all have them: companion key rotate fleet" in told) is (step is not Step.REST)
+        shown = said(capsys, fleet, "show-id", "fleet/vehicle-2.key")
+        file = next(line.split()[1] for line in shown.splitlines() if line.startswith("file"))
+        assert f"vehicle-2.key   {file}" in told  # to be compared with the board's
+    assert list(load_keyring(fleet / "vehicle-1.key", 1).secrets) == [1]
+
+
+def test_finish_drops_the_old_secret_at_once(fleet: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "install it on all before any flies" in said(capsys, fleet, "rotate", "fleet", "--finish")
+    assert list(load_keyring(fleet / "vehicle-1.key", 1).secrets) == [1]
+
+
+def test_revoked_vehicle_has_no_file_and_is_in_none(fleet: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    told = said(capsys, fleet, "revoke", "fleet", "2")
+    assert "vehicle 2 is revoked" in told
+    assert "step 1 of 3" in told
+    assert sorted(path.name for path in fleet.iterdir()) == ["operator.key", "vehicle-1.key", "vehicle-3.key"]
+    assert sorted(load_keyring(fleet / "vehicle-3.key", 3).vehicles) == [1, 3]
+    again = said(capsys, fleet, "revoke", "fleet", "2", code=2)
+    assert again == "companion: fleet: VEHICLE = 2: must be one of 1, 3\n"
+    said(capsys, fleet, "revoke", "fleet", "1")
+    assert "vehicle 3 is the last" in said(capsys, fleet, "revoke", "fleet", "3", code=2)
+
+
+def interrupt(folder: Path) -> None:
+    """Leaves a step at which vehicle 3 has not come to its file."""
+    before = (folder / "vehicle-3.key").read_bytes()
+    change_fleet(folder, lambda operator: advance(operator, os.urandom(32)))
+    (folder / "vehicle-3.key").write_bytes(before)
+
+
+def test_interrupted_step_is_completed_and_what_was_asked_besides_is_not_done(
+    fleet: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    interrupt(fleet)
+    told = said(capsys, fleet, "rotate", "fleet")
+    assert "completed what was interrupted" in told
+    assert step_in(fleet) is Step.NEW_ACCEPTED
+    interrupt(fleet)
+    assert "vehicle 2 is NOT revoked yet" in said(capsys, fleet, "revoke", "fleet", "2", code=1)
+    assert step_in(fleet) is Step.NEW_ACTIVE
+    interrupt(fleet)
+    assert step_in(fleet) is Step.REST
+    assert "completed" in said(capsys, fleet, "rotate", "fleet", "--finish")  # it is
+    interrupt(fleet)
+    said(capsys, fleet, "rotate", "fleet", "--finish", code=1)
+    assert step_in(fleet) is Step.NEW_ACCEPTED
+    said(capsys, fleet, "rotate", "fleet", "--finish")
+    assert step_in(fleet) is Step.REST
+
+
+def test_folder_that_is_none_and_a_file_that_is_refused_are_exit_code_2(
+    fleet: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "nowhere: No such file or directory" in said(capsys, fleet, "rotate", "nowhere", code=2)
+    (fleet / "vehicle-1.key").chmod(0o644)
+    for words in (("show-id", "fleet/vehicle-1.key"), ("rotate", "fleet")):
+        assert cli.main(["key", *words]) == 2
+        assert capsys.readouterr().err.endswith("fleet/vehicle-1.key: mode 0644: must be 0600 or less (chmod 600)\n")
+
+
+def test_disk_that_is_full_is_exit_code_3(
+    fleet: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def write(_fd: int, _data: bytes) -> int:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as full:
+        full.setattr("companion.keys.fleet_folder.os.write", write)
+        told = said(capsys, fleet, "rotate", "fleet", code=3)
+    assert told == "companion: fleet: No space left on device\n"
+    assert step_in(fleet) is Step.REST
+
+
+def test_program_cannot_be_dumped_while_it_holds_keys(tmp_path: Path) -> None:
+    program = (
+        "import ctypes, resource, sys\nfrom companion import cli\n"
+        "code = cli.main(['key', 'new', 'fleet', '--vehicles', '2'])\n"
+        "print(code, resource.getrlimit(resource.RLIMIT_CORE)[0], ctypes.CDLL(None).prctl(3, 0, 0, 0, 0))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path, check=True)
+    assert done.stdout.splitlines()[-1] == "0 0 0"
