@@ -22,7 +22,7 @@ from companion.core.swarm.election import (
 )
 from companion.core.swarm.partition import NetworkPartition
 from companion.core.swarm.phases import Phases
-from companion.core.swarm.roster import Roster
+from companion.core.swarm.roster import DECIDES_AFTER_S, Roster
 from companion.core.swarm.swarm import Swarm
 from companion.core.swarm.trust.blocklist import FADES, Blocklist
 from companion.core.swarm.trust.lead_watch import APART_PERIODS, LeadWatch
@@ -37,6 +37,7 @@ EPOCH = 20_000  # the period at which every value is put back: a step has the sa
 BOOTED = -5_000  # periods by which the clock of a board that was started again is behind the others
 SECOND = 12  # periods: an age above all that is asked of those that count for one second
 CLOSE_UP = 102  # the same, of ten seconds
+DECIDES_PERIODS = round(DECIDES_AFTER_S / PERIOD_S) + 1
 LEFT_BEHIND = HOP_LIMIT + BOOTED - 16  # no count of a living vehicle is so far behind
 
 Value = tuple[Any, ...]
@@ -134,8 +135,8 @@ ROSTER: dict[str, Keep] = {
     "done": AS_IT_IS,
     "present": AS_IT_IS,
     "flown": AS_IT_IS,
-    "has_counted": AS_IT_IS,
     "_quorum_s": _age(SECOND),
+    "_counted_s": _age(DECIDES_PERIODS),
 }
 PARTITION: dict[str, Keep] = {
     # These count for two minutes: longer than is explored. Only whether they are there is kept.

@@ -187,8 +187,8 @@ class Swarm:
         if self.phases.phase >= SwarmPhase.GATHER and not self.launched:
             self.launched = True
             self.roster.mark_launched(contacts.ready(now_s))
-        leads = self.election.role is Role.LEADER and self.roster.has_counted
-        return leads and eligible and not self.operator.holds and not self._holds(picture)
+        decides = self.election.role is Role.LEADER and self.roster.may_decide(now_s)
+        return decides and eligible and not self.operator.holds and not self._holds(picture)
 
     def find_route(self, picture: Picture) -> None:
         """The way to the leader, how fast it may go, and what comes up it: which are there, and which have done it."""

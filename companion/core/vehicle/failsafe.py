@@ -547,9 +547,7 @@ ROWS: tuple[Row, ...] = (
         Severity.WARNING,
         "hold: no quorum{}",
         until="the majority is heard again",
-        # One beacon lost on a long link cuts off a branch. And silent for 0.5 s, it counts for so long: no longer than
-        # the others take to have a leader of their own that acts, 10 + 5 periods (`election`)
-        delay_s=0.7,
+        delay_s=1.0,  # one beacon lost on a long link cuts off a branch
         detail=lambda r: r.missing,
     ),
     Row(

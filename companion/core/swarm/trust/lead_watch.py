@@ -77,7 +77,7 @@ class LeadWatch:
         mine = election.lease
         if mine is None or not (mine.established and mine.quorum) or not self._is_fresh(election):
             self._usurpers.discard(sender)
-            return True  # without the majority another may well lead those that have it
+            return True  # without the majority, another may well lead those that have it
         if mine.leader == sender:
             self._usurpers.discard(sender)
             return True
@@ -162,7 +162,8 @@ class LeadWatch:
 
 
 def _leads(sender: int, lease: Lease | None) -> bool:
-    return lease is not None and lease.leader == sender and lease.established
+    """A part without the majority may have a leader of its own: nobody goes over to that one who has another."""
+    return lease is not None and lease.leader == sender and lease.established and lease.quorum
 
 
 def _level_distance_m(here: Vec3, a: Vec3, b: Vec3) -> float:

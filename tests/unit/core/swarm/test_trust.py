@@ -197,6 +197,14 @@ def test_of_a_part_without_the_majority_another_may_come_to_lead() -> None:
     assert watch.may_lead(3)
 
 
+def test_one_that_claims_no_majority_is_no_usurper_and_none_that_gains_one_there() -> None:
+    """Cut off by a one-way link it leads its part, and takes nobody from a leader with the majority."""
+    watch, election = LeadWatch(MISSION), follower_of(lease(1, 500, established=True))
+    watch.note_claim(beacon(3, lease=lease(3, 900)), election, 1.0)
+    assert watch.note_claim(beacon(3, lease=Lease(3, 901, 0, 10, True, quorum=False)), election, 1.1)
+    assert not watch.note_claim(beacon(3, lease=Lease(3, 902, 0, 10, True, quorum=True)), election, 1.2)
+
+
 def test_a_relay_cannot_say_that_a_leader_that_is_heard_has_lost_the_majority() -> None:
     trust, election = Trust(MISSION, 5, Priorities(MISSION)), follower_of(lease(1, 500, established=True))
     trust.receive_lease(beacon(1, lease=lease(1, 501, established=True)), election, 1.0)
