@@ -83,11 +83,11 @@ def build_parser() -> argparse.ArgumentParser:
         metavar="CHECK[,CHECK...]",
         help="take these failed checks of the report as accepted; `all`: arm without any report, as in the simulator",
     )
-    run.add_argument(
-        "--key",
-        metavar="FILE",
-        help="this vehicle's key file, by which its radio is signed and orders are the operator's (`companion key`); "
-        "without it whoever is in radio range can start, lead and land it, and the log says so",
+    _add_key(
+        run,
+        "this vehicle's key file, by which its radio is signed and orders are the operator's (`companion key`)",
+        "without a key, as in the simulator: whoever is in radio range can start, lead and land it; log, service and "
+        "ground station are told",
     )
     run.add_argument("--clock", choices=("monotonic", "vehicle"), default="monotonic", help="default: monotonic")
     run.add_argument("--log", metavar="FILE", help="append the flight log to FILE; default: stderr")
@@ -107,6 +107,13 @@ def build_parser() -> argparse.ArgumentParser:
     add_order_commands(commands, peers=_url(PEERS_SCHEMES), ground_station=_url(PEERS_SCHEMES), vehicle=_vehicle_id)
     add_examples(parser, help_texts.EXAMPLES)
     return parser
+
+
+def _add_key(command: argparse.ArgumentParser, key: str, unsigned: str) -> None:
+    """Either is needed; the command itself says so, with how to make a key."""
+    either = command.add_mutually_exclusive_group()
+    either.add_argument("--key", metavar="FILE", help=key)
+    either.add_argument("--unsigned", action="store_true", help=unsigned)
 
 
 def _add_preflight(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -251,7 +258,7 @@ def _add_base(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
         allow_abbrev=False,
     )
     base.add_argument("mission", metavar="MISSION", help="mission file (TOML) with [survey]; the swarm's own")
-    base.add_argument("--key", metavar="FILE", help="the operator's key file, where the swarm's radio is signed")
+    _add_key(base, "the operator's key file", "without a key, as in the simulator: of a swarm whose radio is unsigned")
     base.add_argument("--listen", required=True, type=_url(PEERS_SCHEMES), metavar="URL", help="link to the companions")
     base.add_argument(
         "--records",

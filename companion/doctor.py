@@ -23,6 +23,7 @@ from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
 from companion.mavlink.framing.frames import Framing
 from companion.mavlink.makes import MAKES
+from companion.mavlink.peers.frame_mac import is_signed
 from companion.preflight.computer import check_disk, check_key, check_monotonic
 from companion.preflight.listen import SensorWindow, listen
 from companion.preflight.report import Check, Verdict, check_of
@@ -44,6 +45,8 @@ HWMON = Path("/sys/class/hwmon")
 ALARM = "in0_lcrit_alarm"  # the kernel's name of a Raspberry Pi's undervoltage
 BINDS = frozenset({Scheme.UDP_IN, Scheme.UDP_BROADCAST})
 NAMES = {make.autopilot: make.name for make in MAKES.values()}
+UNSIGNED = "--unsigned"
+NEEDS_KEYS = "whoever is in radio range commands it; right in the simulator alone: docs/how-to/keys.md"
 NO_SENSORS: Mapping[str, Url] = MappingProxyType({})
 SLOW_GOVERNORS = frozenset({"powersave", "conservative"})
 
@@ -84,6 +87,7 @@ def examine(
     yield governor()
     yield from undervoltage()
     yield service()
+    yield unsigned()
 
 
 def _good(name: str, found: str, wanted: str = "") -> Check:
@@ -237,13 +241,20 @@ def _silence(url: Url) -> str:
 
 def peers_link(url: Url) -> Check:
     """Beacons, and from which vehicles; silence is no problem, the others may be off."""
-    wanted = "beacons of the others, if they are on"
+    wanted = "signed beacons of the others, if they are on"
+    senders: dict[int, bool] = {}
     try:
-        senders = sorted({sender for data in _listen(url) for sender, _, _ in swarm_beacon.beacons(data)})
+        for data in _listen(url):
+            for sender, frame, _ in swarm_beacon.beacons(data):
+                senders[sender] = senders.get(sender, True) and is_signed(frame)
     except LinkError as error:
         return _problem("peers", "cannot be opened", wanted, str(error))
     if senders:
-        return _good("peers", f"vehicles {', '.join(map(str, senders))}", wanted)
+        found = f"vehicles {', '.join(map(str, sorted(senders)))}"
+        if all(senders.values()):
+            return _good("peers", found, wanted)
+        bare = ", ".join(str(sender) for sender in sorted(senders) if not senders[sender])
+        return _doubt("peers", f"{found}; UNSIGNED: {bare}", wanted, NEEDS_KEYS)
     fix = "is another companion running, on the same mesh, channel and port? `ping` its address; `batctl n`, `iw dev`"
     return _doubt("peers", f"silence for {LISTEN_S:g} s", wanted, fix)
 
@@ -331,6 +342,22 @@ def undervoltage() -> Iterator[Check]:
             yield _problem("power", "undervoltage", "5 V", "a stronger supply: 5 V, 3 A, short thick wires")
         else:
             yield _good("power", "5 V held", "5 V")
+
+
+def unsigned() -> Check:
+    """Companions on this computer that fly without keys, as they run, and as the service would start one."""
+    wanted = "no companion with --unsigned"
+    found = [f"{process.info['pid']}" for process in psutil.process_iter(["pid", "cmdline"]) if _is_unsigned(process)]
+    if UNSIGNED in (_run("systemctl", "show", UNIT, "--property=ExecStart") or ""):
+        found.append(UNIT)
+    if found:
+        return _doubt("unsigned", f"UNSIGNED: {', '.join(found)}", wanted, NEEDS_KEYS)
+    return _good("unsigned", "none", wanted)
+
+
+def _is_unsigned(process: psutil.Process) -> bool:
+    words = process.info["cmdline"] or ()
+    return UNSIGNED in words and bool({"run", "base"} & set(words))
 
 
 def service() -> Check:

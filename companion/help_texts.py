@@ -9,7 +9,7 @@ EXAMPLE = """\
 vehicle 3, its autopilot on a serial port, the others on a mesh network:
   companion run --mission forest.toml --id 3 \\
       --autopilot serial:///dev/ttyAMA0:921600 --peers udpbcast://192.168.4.255:14660 \\
-      --preflight vehicle3.json
+      --key vehicle-3.key --preflight vehicle3.json
 
 `companion run --help` explains the options.
 """
@@ -167,8 +167,9 @@ EXAMPLES = {
     "key rotate": ("companion key rotate fleet", "companion key rotate fleet --finish"),
     "key revoke": ("companion key revoke fleet 3", "companion key revoke /media/safe/forest 12"),
     "base": (
-        "companion base forest.toml --listen udpbcast://192.168.4.255:14660 --records forest.db",
-        "companion base forest.toml --listen udpin://0.0.0.0:14660 --records forest.db",
+        "companion base forest.toml --key fleet/operator.key --listen udpbcast://192.168.4.255:14660 \\\n"
+        "      --records forest.db",
+        "companion base forest.toml --unsigned --listen udpin://0.0.0.0:14660 --records forest.db",
     ),
     "stand": (
         "companion stand forest.db --mission forest.toml --out stand",
@@ -176,9 +177,9 @@ EXAMPLES = {
     ),
     "run": (
         "companion run --mission forest.toml --id 3 --autopilot serial:///dev/ttyAMA0:921600 \\\n"
-        "      --peers udpbcast://192.168.4.255:14660 --preflight vehicle3.json",
+        "      --peers udpbcast://192.168.4.255:14660 --key vehicle-3.key --preflight vehicle3.json",
         "companion run --mission forest.toml --id 1 --autopilot udpin://127.0.0.1:14540 \\\n"
-        "      --peers udpbcast://127.255.255.255:14660 --clock vehicle --waive all",
+        "      --peers udpbcast://127.255.255.255:14660 --clock vehicle --waive all --unsigned",
     ),
     "preflight": (
         "companion preflight --mission forest.toml --id 3 --autopilot serial:///dev/ttyAMA0:921600",

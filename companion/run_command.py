@@ -19,7 +19,7 @@ from companion.preflight.report import clearance
 from companion.sensors.table import SENSORS, sensors_of
 from companion.shell.flight_log import ChangeLogger, FlightLog, summary
 from companion.shell.links import Link, LinkError, open_link
-from companion.shell.radio_keys import RadioKeys, open_keys
+from companion.shell.radio_keys import NoKeyError, RadioKeys, choose_key, open_keys
 from companion.shell.runner import Runner, Stop
 from companion.shell.service import Service
 from companion.shell.urls import Scheme, Url
@@ -107,6 +107,10 @@ def mission_of(arguments: argparse.Namespace) -> Mission:
 def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> int:
     """Open what the flight needs, fly, say why it ended."""
     by_vehicle = arguments.clock == "vehicle"
+    try:
+        key = choose_key(arguments.key, unsigned=arguments.unsigned, what="this vehicle", size=mission.swarm.size)
+    except NoKeyError as error:
+        raise RefusedError(EXIT_REFUSED, str(error)) from None
     urls: dict[str, Url] = arguments.sensors
     stop = opened.enter_context(Stop())
     log_fd = _log_fd(arguments.log, opened)
@@ -123,7 +127,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
             EXIT_ENVIRONMENT,
             f"the mission has [survey], which needs {error.name}: pip install 'understory-uav[survey]'",
         ) from None
-    radio = _radio_keys(arguments, mission, opened)
+    radio = _radio_keys(key, arguments, mission, opened)
     endpoint = Endpoint(
         mission,
         arguments.id,
@@ -137,7 +141,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     )
     cleared = clearance(arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time())
     endpoint.agent.ground(cleared.grounded)
-    endpoint.agent.waive(",".join(cleared.waived), cleared.unknown)
+    endpoint.agent.waive(",".join(cleared.waived), cleared.unknown, unsigned=key is None)
     changes = ChangeLogger(log, endpoint, autopilot, peers, sensors)
     service = Service(os.environ, os.getpid())
     opened.callback(service.close)
@@ -178,10 +182,10 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     return EXIT_DONE
 
 
-def _radio_keys(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> RadioKeys:
+def _radio_keys(key: str | None, arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> RadioKeys:
     try:
         return open_keys(
-            arguments.key,
+            key,
             arguments.mission,
             arguments.id,
             mission.swarm.size,

@@ -16,7 +16,7 @@ from companion.keys.key_file import KeyFileError
 from companion.records.node import open_base
 from companion.records.store import StoreError
 from companion.shell.links import Link, LinkError, open_link
-from companion.shell.radio_keys import open_base_guard
+from companion.shell.radio_keys import NoKeyError, choose_key, open_base_guard
 from companion.shell.records import draw_log
 from companion.shell.runner import Stop
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
@@ -28,6 +28,7 @@ TICK_S: Final = 0.05
 READS_MAX: Final = 512  # datagrams before the next tick
 SHOWN_S: Final = 1.0  # between lines of progress, where they overwrite one another,
 LOGGED_S: Final = 10.0  # and where each stays
+UNSIGNED: Final = "UNSIGNED (--unsigned): whoever is in radio range can write records, and have vehicles delete theirs"
 GAPS_MAX: Final = 8  # logs whose missing numbers are named at the end
 
 
@@ -36,16 +37,20 @@ def base(arguments: argparse.Namespace) -> int:
     with ExitStack() as opened:
         try:
             mission = _mission(arguments.mission)
+            size = mission.swarm.size
+            key = choose_key(
+                arguments.key, unsigned=arguments.unsigned, what="the swarm, and writes records", size=size
+            )
             records = open_base(mission, Path(arguments.records), draw_log, made_s=int(time.time()))
             opened.callback(records.store.close)
-            guard = open_base_guard(arguments.key, arguments.mission)
+            guard = open_base_guard(key, arguments.mission)
             link = open_link(arguments.listen, hears_all=True)
             opened.callback(link.close)
         except MissionError as error:
             return _refused(EXIT_BAD_FILE, error)
         except KeyFileError as error:
             return _refused(EXIT_BAD_FILE, f"companion: --key {error}")
-        except ValueError as error:
+        except (NoKeyError, ValueError) as error:
             return _refused(EXIT_BAD_FILE, f"companion: {error}")
         except StoreError as error:
             return _refused(EXIT_ENVIRONMENT, f"companion: --records {printable(arguments.records, 200)}: {error}")
@@ -56,6 +61,8 @@ def base(arguments: argparse.Namespace) -> int:
         shown.line(
             f"base station of {mission.name or 'unnamed'!r} on {arguments.listen}, records in {arguments.records}"
         )
+        if key is None:
+            shown.line(UNSIGNED)
         with Stop() as stop:
             serve(station, link, stop, shown)
         shown.line(str(station.progress))

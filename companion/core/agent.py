@@ -28,6 +28,7 @@ from companion.core.swarm.orders import Orders
 from companion.core.swarm.picture import Picture
 from companion.core.swarm.swarm import Swarm
 from companion.core.vehicle import failsafe_engine
+from companion.core.vehicle.accepted import Accepted
 from companion.core.vehicle.failsafe import Readings, Source
 from companion.core.vehicle.flight import Flight
 from companion.core.vehicle.obstacle_sensor_monitor import ObstacleSensorMonitor
@@ -66,11 +67,14 @@ class Agent:
         self._ticks, self._sent_early = 0, False  # a beacon before its time, in this period
         self._last_tick_s: float | None = None
         self._says: list[Say] = []
-        self._waived = ""  # checks of the preflight that an operator took as accepted
+        self._accepted = Accepted()
 
-    def waive(self, checks: str, unknown: str = "") -> None:
-        """An operator accepts these failed checks: said once the flight is allowed. `unknown`: what could not be."""
-        self._waived = checks
+    def waive(self, checks: str, unknown: str = "", *, unsigned: bool = False) -> None:
+        """An operator accepts these failed checks, and with `unsigned` a radio without keys: said to the ground.
+
+        `unknown`: checks that could not be waived.
+        """
+        self._accepted.accept(checks, unsigned=unsigned)
         if unknown:
             self._report_text(Severity.WARNING, brief(unknown))
 
@@ -121,7 +125,7 @@ class Agent:
             self.localiser.note_odometry(self.perception.velocity_bias(ZERO), now_s)
             actions.append(SendOdometry(picture.own.vel_ned_mps))
         self.localiser.confirm_start(orders.leader, gathers=orders.gathers)
-        self._report_waived()
+        self._says += self._accepted.texts(orders.state, started=self.swarm.operator.started)
         for said in (self._says, self.localiser.said):
             actions += said
             said.clear()
@@ -286,12 +290,6 @@ class Agent:
             self._report_text(Severity.ERROR, brief(f"grounded, {self.flight.grounded}"))
         if event.order is Order.START and event.hands_back:
             self.flight.hand_back()
-
-    def _report_waived(self) -> None:
-        """Once, when the flight is allowed."""
-        if self._waived and self.swarm.operator.started:
-            self._report_text(Severity.WARNING, brief(f"preflight waived: {self._waived}"))
-            self._waived = ""
 
     def _recover_from_stall(self, now_s: float) -> None:
         """After a stall: what is known is old, and the autopilot has acted by itself."""

@@ -24,9 +24,8 @@ def check_key(path: str | None, owner: int | None, size: int = 0) -> Check:
     whose = "a" if owner is None else f"{owner_name(owner)}'s"
     wanted = f"{whose} key file, mode 0600, this user's"
     if path is None:
-        return Check(
-            name="key", verdict=Verdict.WARN, found="none given (--key)", wanted=wanted, fix="frames are not signed"
-        )
+        fix = "without one a companion does not start, or flies UNSIGNED (--unsigned): docs/how-to/keys.md"
+        return Check(name="key", verdict=Verdict.WARN, found="none given (--key)", wanted=wanted, fix=fix)
     harden_process()
     try:
         keyring = load_keyring(path, owner)

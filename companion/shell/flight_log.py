@@ -121,8 +121,9 @@ class ChangeLogger:
         leader = "none" if self._leader is None else f"vehicle {self._leader}"
         missing = "".join(f", no {of}" for of, up in self._up.items() if not up)
         grounded = f", GROUNDED: {self._status.grounded}" if self._status.grounded else ""
+        unsigned = "" if self._endpoint.peers.guard.flags else ", UNSIGNED"
         cuts = "; ".join(f"{cut.reason.value} {cut.by_mps:.1f} m/s" for cut in self._endpoint.agent.setpoint.cuts())
-        state = f"state {self._status.state.name.lower()}, leader {leader}{missing}{grounded}"
+        state = f"state {self._status.state.name.lower()}, leader {leader}{missing}{unsigned}{grounded}"
         return f"vehicle {self._endpoint.id}: {state}" + (f", setpoint cut by: {cuts}" if cuts else "")
 
     def counters(self) -> dict[str, int]:

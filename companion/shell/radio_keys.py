@@ -17,7 +17,22 @@ from companion.shell.orders import orders_of, orders_path
 from mission.document.load import mission_sha256
 
 BOOT_BYTES = 4
-UNSIGNED = "UNSIGNED (no --key): whoever is in radio range can start, lead and land this vehicle"
+UNSIGNED = "UNSIGNED (--unsigned): whoever is in radio range can start, lead and land this vehicle"
+NEEDS_KEY = (
+    "--key FILE is needed: without one whoever is in radio range commands {what}. `companion key new fleet --vehicles "
+    "{size}` makes a fleet's key files (docs/how-to/keys.md); in the simulator, --unsigned flies without"
+)
+
+
+class NoKeyError(Exception):
+    """Neither a key nor the word that none is wanted; the message says what to do."""
+
+
+def choose_key(key: str | None, *, unsigned: bool, what: str, size: int) -> str | None:
+    """The key file; None: unsigned, as was asked for. `what` is commanded else, in a swarm of `size`. NoKeyError."""
+    if key is None and not unsigned:
+        raise NoKeyError(NEEDS_KEY.format(what=what, size=size))
+    return key
 
 
 class RadioKeys(NamedTuple):
@@ -31,7 +46,7 @@ class RadioKeys(NamedTuple):
 def open_keys(
     key: str | None, mission: str, vehicle_id: int, size: int, log: str | None, opened: ExitStack, *, beside_loop: bool
 ) -> RadioKeys:
-    """`key`, `mission`: files. KeyFileError; OSError: the folder of the orders' file is not there."""
+    """`key`, `mission`: files; `key` None: unsigned. KeyFileError; OSError: no folder for the orders' file."""
     if key is None:
         return RadioKeys(None, None, [UNSIGNED])
     weakness = harden_process()

@@ -13,6 +13,7 @@ from typing import Any
 
 from companion.core.model.states import SwarmPhase
 from companion.core.stages import StageFactory
+from companion.keys.fleet_folder import file_name
 from companion.mavlink import dialect
 from companion.mavlink.beacon import Reader
 from companion.mavlink.peers.session import BASE_ID
@@ -252,14 +253,14 @@ def fly(
     `watch` is called after every tick: a test or a benchmark may interfere there. `programs`: what to start as
     `companion` for a vehicle, where it is not this installation's. `live`: where it is watched; the pace is its own
     then. KeyboardInterrupt ends the flight, not the report. Raises AirframeError without jsbsim, MissionError for a
-    stem map that is not in `folder`. `keys`: frames of the radio are signed with them; ValueError unless `in_process`.
+    stem map that is not in `folder`. `keys`: frames of the radio are signed with them.
     """
     if folder is not None:
         (folder / MISSION_NAME).write_text(dump_mission(mission), encoding="utf-8")
     elif not in_process:
         raise ValueError("folder = None: companions that are processes read the mission there")
-    if not in_process:
-        _refuse_processes(entrant, keys)
+    if not in_process and not entrant.is_ours:
+        raise ValueError(f"{entrant.note()}: companions that are processes fly ours")
     stages = entrant.stages()
     if live is not None and folder is not None:
         live.map.begin(folder / MISSION_NAME, live.title, mission.swarm.size)
@@ -286,9 +287,8 @@ def fly(
                 stack.callback(drivers.close)
             logs = folder / "companions"
             logs.mkdir()
-            links = Launcher(
-                folder / MISSION_NAME, logs, radio, forks, programs, drivers, sensor, _records_file(harvest)
-            )
+            files = _records_file(harvest), _key_files(keys, folder / "keys")
+            links = Launcher(folder / MISSION_NAME, logs, radio, forks, programs, drivers, sensor, *files)
             start = links.start_again
             companions += links.launch(
                 list(world.vehicles),
@@ -336,11 +336,12 @@ def fly(
         )
 
 
-def _refuse_processes(entrant: Entrant, keys: FleetKeys | None) -> None:
-    if not entrant.is_ours:
-        raise ValueError(f"{entrant.note()}: companions that are processes fly ours")
-    if keys is not None:
-        raise ValueError("keys: companions that are processes read theirs from files")
+def _key_files(keys: FleetKeys | None, folder: Path) -> Callable[[int], Path | None]:
+    """The files of companions that are processes: written, and where they are."""
+    if keys is None:
+        return lambda _vehicle_id: None
+    keys.write_files(folder)
+    return lambda vehicle_id: folder / file_name(vehicle_id)
 
 
 def _harvest(

@@ -46,8 +46,8 @@ def run(args: argparse.Namespace) -> int:
     Bad files and a poor environment raise: see cli.py.
     """
     external, entrant = _external(args), _entrant(args)
-    if args.signed:
-        _fly_in_process(args, "--signed", "companions that are processes read their keys from files")
+    if args.signed and external is not None:
+        raise StartError("--signed: flies in the bridge alone, not over --autopilots", EXIT_BAD_FILE)
     mission, original = _mission(args, external)
     interrupt_once()
     folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")

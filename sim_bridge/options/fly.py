@@ -46,7 +46,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--signed",
         action="store_true",
         help="with keys of this flight: frames of the radio are signed, and the start is an order of the operator's "
-        "key; all agents in this program",
+        "key",
     )
     add_entrant(parser)
     wrong = parser.add_argument_group("simulated faults", f"Besides the mission's [[sim.faults]]. {GRAMMAR}")

@@ -37,6 +37,7 @@ SPEAK = (
         "vehicle/requests",
         "swarm/reports",
         "vehicle/operator_orders",
+        "vehicle/accepted",
     ),
     "vehicle/autopilot_state",  # words what another says
 )

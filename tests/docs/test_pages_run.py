@@ -24,6 +24,7 @@ LIMIT_S = 600.0  # of wall time, pure and on a busy computer
 
 MAKES = "sets up a virtual environment from the network; what it flies is flown, see INSTEAD"
 SERVES = "serves until Ctrl-C, on a fixed port: tests/interop does it, on free ones"
+RUNS = "against serve, until the flight ends: tests/interop does it"
 TYPED = "a prompt to type at, of a program that is not in .venv: tests/interop/test_mavproxy.py types there"
 NOT_RUN = {
     "sudo apt install git make python3-venv": "root, and a network",
@@ -37,7 +38,7 @@ NOT_RUN = {
     "--out served.toml": SERVES,
     **{
         f"companion run --mission served.toml --id {k} --autopilot udpout://127.0.0.1:1460{k} "
-        "--peers udpout://127.0.0.1:14701 --waive all": "against serve, until the flight ends: tests/interop does it"
+        "--peers udpout://127.0.0.1:14701 --waive all --unsigned": RUNS
         for k in (1, 2, 3)
     },
     "mavproxy.py --master=udpout:127.0.0.1:14600": TYPED,

@@ -18,7 +18,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.exploration", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="what the tests explore")
     parser.add_argument("--only", metavar="TEXT", default="", help="slices with this in their name")
-    parser.add_argument("--seconds", type=float, default=1e9, metavar="S", help="of each slice at most")
+    parser.add_argument(
+        "--seconds", type=float, default=1e9, metavar="S", help="of the processor, for each slice at most"
+    )
     args = parser.parse_args()
     slices = [part for part in (QUICK if args.quick else ALL) if args.only in part.name]
     broken: list[str] = []

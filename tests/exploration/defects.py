@@ -18,24 +18,15 @@ MISSION = "a mission of three, one trouble or an order"
 DEFECTS: tuple[tuple[Defect, str], ...] = (
     (
         Defect(
-            "a half is a quorum", ROSTER, (("if here > missing or", "if here >= missing or"),), "two exclusive leaders"
+            "a half is a quorum", ROSTER, (("= here > missing or", "= here >= missing or"),), "two exclusive leaders"
         ),
         FOUR,
     ),
     (
         Defect(
-            "a new leader has the majority before it has counted",
+            "a new leader decides as soon as it has counted the majority",
             ROSTER,
-            (("> missing or not self.flown:", "> missing or not self.flown or self._quorum_s is None:"),),
-            "majority",
-        ),
-        FOUR,
-    ),
-    (
-        Defect(
-            "the majority counts for longer than others take to lead",
-            "companion/core/vehicle/failsafe.py",
-            (("        delay_s=0.7,\n", "        delay_s=1.0,\n"),),
+            (("DECIDES_AFTER_S: Final = 5.0", "DECIDES_AFTER_S: Final = 0.0"),),
             "two exclusive leaders",
         ),
         FOUR,

@@ -175,6 +175,8 @@ BLOCKLIST: dict[str, Keep] = {
 }
 LEADS: dict[str, Keep] = {
     "_usurpers": (lambda usurpers, _: tuple(sorted(usurpers)), lambda usurpers, _: set(usurpers)),
+    "_named": new(lambda _: set()),  # said to an operator, as the next
+    "_news": new(lambda _: []),
     # All stand still here, and no time of a mission's is up: no leader gets lost, or nowhere.
     "_phase": new(lambda _: SwarmPhase.ASSEMBLE),
     "_way_ned_m": new(lambda _: []),
@@ -229,6 +231,7 @@ CONSTANT: dict[type, Sequence[str]] = {
         "_me",
         "_priorities",
         "blocklist",
+        "_courses",
         "gate",
         "_leads",
         "_patience",
@@ -275,6 +278,7 @@ class Shelf:
             (swarm.phases, PHASES),
             (swarm.trust, {}),
             (swarm.trust.blocklist, BLOCKLIST),
+            (swarm.trust._courses, BLOCKLIST),
             (swarm.trust.gate, GATE),
             (swarm.trust._leads, LEADS),
             (swarm.trust._patience, PATIENCE),

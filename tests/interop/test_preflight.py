@@ -162,9 +162,9 @@ def test_ardupilot_passes_once_it_is_truly_ready(served: Served) -> None:
 
 def test_companion_without_a_passing_report_does_not_arm_and_says_so(served: Served, tmp_path: Path) -> None:
     program, *options = served.vehicle(ME)["companion"]
-    assert options[-2:] == ["--waive", "all"]
+    assert options[-3:] == ["--waive", "all", "--unsigned"]
     log = tmp_path / "flight.log"
-    command = [sys.executable, "-m", f"{program}.cli", *options[:-2], "--log", str(log)]
+    command = [sys.executable, "-m", f"{program}.cli", *options[:-3], "--unsigned", "--log", str(log)]
     with listening(served) as station, child(command, tmp_path, "companion", stdin=subprocess.DEVNULL):
         said: set[str] = set()
         for message in station.messages(HAPPEN_LIMIT_S):

@@ -68,11 +68,12 @@ def free_port() -> int:
 
 def base(folder: Path, port: int) -> subprocess.Popen[str]:
     (folder / "m.toml").write_text(SURVEY)
-    options = ["--listen", f"udpin://127.0.0.1:{port}", "--records", str(folder / "base.db")]
+    options = ["--unsigned", "--listen", f"udpin://127.0.0.1:{port}", "--records", str(folder / "base.db")]
     arguments = [sys.executable, "-m", "companion", "base", str(folder / "m.toml"), *options]
     process = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None
     assert process.stdout.readline().startswith("base station of 'test' on udpin://127.0.0.1:")
+    assert process.stdout.readline().startswith("UNSIGNED (--unsigned): whoever is in radio range")
     return process
 
 
@@ -123,7 +124,7 @@ def test_a_restart_in_the_middle_leaves_no_gap_and_no_duplicate(tmp_path: Path, 
 
 def test_a_mission_that_does_not_survey_is_refused(tmp_path: Path) -> None:
     (tmp_path / "m.toml").write_text(MISSION)
-    options = ["--listen", f"udpin://127.0.0.1:{free_port()}", "--records", str(tmp_path / "base.db")]
+    options = ["--unsigned", "--listen", f"udpin://127.0.0.1:{free_port()}", "--records", str(tmp_path / "base.db")]
     done = subprocess.run(
         [sys.executable, "-m", "companion", "base", str(tmp_path / "m.toml"), *options],
         capture_output=True,
@@ -149,7 +150,7 @@ def test_a_file_that_it_cannot_use_is_refused_by_name(tmp_path: Path, records: s
     (tmp_path / "m.toml").write_text(SURVEY)
     RecordStore(tmp_path / "of_vehicle.db", 3, lambda: 1).close()
     RecordStore(tmp_path / "of_another.db", BASE_ID, lambda: 1, mission_hash=77).close()
-    options = ["--listen", f"udpin://127.0.0.1:{free_port()}", "--records", str(tmp_path / records)]
+    options = ["--unsigned", "--listen", f"udpin://127.0.0.1:{free_port()}", "--records", str(tmp_path / records)]
     done = subprocess.run(
         [sys.executable, "-m", "companion", "base", str(tmp_path / "m.toml"), *options],
         capture_output=True,

@@ -41,7 +41,8 @@ def _run(mission: Path | str, **options: str) -> subprocess.CompletedProcess[str
         "peers": "udpout://127.0.0.1:9",
         **options,
     }
-    return _companion("run", *(word for name, value in given.items() for word in (f"--{name}", value)))
+    words = (word for name, value in given.items() for word in (f"--{name}", value))
+    return _companion("run", "--unsigned", *words)
 
 
 @pytest.mark.parametrize("module", ["companion", "companion.cli"])
@@ -67,6 +68,8 @@ def test_help_says_what_it_is_with_an_example() -> None:
         "--log",
         "--preflight",
         "--waive",
+        "--key",
+        "--unsigned",
         "SIGTERM",
         "failsafe",
         "udpbcast",
@@ -187,7 +190,7 @@ def test_a_taken_port_is_named_with_the_fix(mission: Path, option: str) -> None:
 def test_a_missing_serial_device_is_named_and_waited_for(mission: Path, tmp_path: Path) -> None:
     """As at boot, where USB is late."""
     device = tmp_path / "ttyLATE"
-    options = ["--autopilot", f"serial://{device}:57600", "--peers", "udpout://127.0.0.1:9"]
+    options = ["--unsigned", "--autopilot", f"serial://{device}:57600", "--peers", "udpout://127.0.0.1:9"]
     command = [sys.executable, "-m", "companion.cli", "run", "--mission", str(mission), "--id", "1", *options]
     far, near = os.openpty()
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
@@ -215,7 +218,7 @@ def test_records_of_a_mission_that_does_not_survey_are_refused(mission: Path) ->
 @pytest.mark.parametrize("given", [True, False])
 def test_a_mission_that_surveys_has_its_records_in_a_file(mission: Path, tmp_path: Path, given: bool) -> None:
     mission.write_text(MISSION + '[sensing]\nrange_m = 12.0\nsensor = "scan-1deg"\n[survey]\n')
-    options = ["--autopilot", "udpout://127.0.0.1:9", "--peers", "udpout://127.0.0.1:9"]
+    options = ["--unsigned", "--autopilot", "udpout://127.0.0.1:9", "--peers", "udpout://127.0.0.1:9"]
     options += ["--log", str(tmp_path / "flight.log"), "--sensor", "lidar=udpout://127.0.0.1:9"]
     options += ["--records", str(tmp_path / "given.db")] if given else []
     command = [sys.executable, "-m", "companion.cli", "run", "--mission", str(mission), "--id", "1", *options]
@@ -261,9 +264,8 @@ def test_a_broken_invariant_ends_the_process_with_its_traceback_in_the_log(
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", 0))
         url = f"udpout://127.0.0.1:{other.getsockname()[1]}"
-        code = cli.main(
-            ["run", "--mission", str(mission), "--id", "1", "--autopilot", url, "--peers", url, "--log", str(log)]
-        )
+        links = ["--autopilot", url, "--peers", url]
+        code = cli.main(["run", "--mission", str(mission), "--id", "1", *links, "--unsigned", "--log", str(log)])
     assert code == 1
     assert "AssertionError: cannot be" in log.read_text()
     assert "Traceback" in log.read_text()

@@ -113,7 +113,7 @@ def _flight(ticks: int) -> list[Tick]:
     """Two endpoints in this process fly; the ticks of the first of them."""
     mission = parse_mission(MISSION)
     vehicles = {k: (Endpoint(mission, k), Autopilot(k)) for k in (OWN, OTHER)}
-    vehicles[OWN][0].agent.waive("all")
+    vehicles[OWN][0].agent.waive("all", unsigned=True)
     beacons = {OWN: b"", OTHER: b""}
     flown = []
     for _ in range(ticks):
@@ -146,7 +146,7 @@ class Process:
             [
                 *(sys.executable, "-m", "companion.cli", "run", "--mission", str(mission), "--id", str(OWN)),
                 *("--autopilot", _url(self.autopilot), "--peers", _url(self.peers)),
-                *("--clock", clock, "--log", str(self.log), "--waive", "all"),
+                *("--clock", clock, "--log", str(self.log), "--waive", "all", "--unsigned"),
             ],
             stdin=subprocess.DEVNULL,
             stderr=self.errors,

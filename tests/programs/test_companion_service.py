@@ -30,7 +30,7 @@ def companion(manager: Manager, tmp_path: Path) -> Iterator[Callable[..., subpro
             subprocess.Popen(
                 [
                     *(sys.executable, "-m", "companion.cli", "run", "--mission", str(tmp_path / "mission.toml")),
-                    *("--id", "2", "--log", str(tmp_path / "log"), *options),
+                    *("--id", "2", "--log", str(tmp_path / "log"), "--unsigned", *options),
                     *("--autopilot", f"udpout://127.0.0.1:{port}", "--peers", f"udpout://127.0.0.1:{port}"),
                 ],
                 env={**os.environ, "NOTIFY_SOCKET": manager.name, "WATCHDOG_USEC": str(WATCHDOG_USEC)},
@@ -51,7 +51,7 @@ def test_a_stopped_companion_silences_the_watchdog(
     process = companion("--clock", clock)
     words = manager.hear()
     assert (words["READY"], words["WATCHDOG"]) == ("1", "1")
-    assert words["STATUS"].startswith("vehicle 2: state waiting, leader none, GROUNDED: no preflight")
+    assert words["STATUS"].startswith("vehicle 2: state waiting, leader none, UNSIGNED, GROUNDED: no preflight")
     assert manager.hear()["WATCHDOG"] == "1"
     process.send_signal(signal.SIGSTOP)
     os.waitpid(process.pid, os.WUNTRACED)

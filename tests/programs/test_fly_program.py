@@ -106,13 +106,15 @@ def test_flight_goes_on_where_nobody_can_be_shown_anything(redirection: str, tmp
     assert (tmp_path / "run" / "report.html").is_file()
 
 
-def test_signed_flight_is_one_in_process(tmp_path: Path) -> None:
+def test_signed_flight_has_its_key_files_beside_it(tmp_path: Path) -> None:
     done = sim_bridge("fly", str(one(tmp_path)), "--signed", "--out", str(tmp_path / "run"), "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["verdict"] == "ARRIVED"
-    refused = sim_bridge("fly", str(one(tmp_path)), "--signed", "--agents", "processes")
+    assert "radio signed: vehicle 1" in (tmp_path / "run" / "companions" / "companion-1.log").read_text()
+    assert (tmp_path / "run" / "keys" / "vehicle-1.key").stat().st_mode & 0o777 == 0o600
+    refused = sim_bridge("fly", str(one(tmp_path)), "--signed", "--autopilots", "udpin://127.0.0.1:14540")
     assert refused.returncode == 2
-    assert "--signed: companions that are processes read their keys from files" in refused.stderr
+    assert "--signed: flies in the bridge alone" in refused.stderr
 
 
 def test_verdict_that_cannot_be_written_is_an_error_in_a_line_and_the_flight_is_kept(tmp_path: Path) -> None:

@@ -104,7 +104,7 @@ def test_forked_companion_works_where_its_launcher_does(
 def test_companions_of_one_server_fly_the_mission_that_is_in_the_file_now(forks: ForkClient, tmp_path: Path) -> None:
     file = write_mission(tmp_path)
     links = ["--autopilot", "udpout://127.0.0.1:9", "--peers", "udpout://127.0.0.1:9"]
-    command = ["run", "--mission", str(file), "--log", str(tmp_path / "log"), *links]
+    command = ["run", "--mission", str(file), "--log", str(tmp_path / "log"), "--unsigned", *links]
     first = forks.fork([*command, "--id", "1"], tmp_path / "first.err")
     assert forks.fork([*command, "--id", "2"], tmp_path / "second.err").wait() == 2
     assert "has the vehicles 1 to 1" in (tmp_path / "second.err").read_text()

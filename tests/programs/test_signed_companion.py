@@ -54,7 +54,37 @@ def flown_log(mission: Path, *options: str) -> str:
 
 
 def test_log_says_that_a_radio_without_a_key_is_unsigned(mission: Path) -> None:
-    assert "UNSIGNED (no --key): whoever is in radio range can start, lead and land" in flown_log(mission)
+    log = flown_log(mission, "--unsigned")
+    assert "UNSIGNED (--unsigned): whoever is in radio range can start, lead and land" in log
+
+
+def test_without_a_key_it_refuses_and_says_how_to_make_one_and_how_to_fly_without(mission: Path) -> None:
+    done = run_companion("run", "--mission", str(mission), "--id", "1", "--autopilot", URL, "--peers", URL)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    for words in (
+        "--key FILE is needed",
+        "`companion key new fleet --vehicles 2`",
+        "docs/how-to/keys.md",
+        "--unsigned",
+    ):
+        assert words in line
+
+
+def test_a_key_and_the_word_that_none_is_wanted_are_no_choice(mission: Path, fleet: Path) -> None:
+    both = ("--key", str(fleet / "vehicle-1.key"), "--unsigned")
+    done = run_companion("run", "--mission", str(mission), "--id", "1", "--autopilot", URL, "--peers", URL, *both)
+    assert done.returncode == 2
+    assert "not allowed with argument --key" in done.stderr
+
+
+def test_base_station_without_a_key_refuses_as_well(mission: Path, tmp_path: Path) -> None:
+    mission.write_text(mission.read_text() + '[sensing]\nrange_m = 12.0\nsensor = "scan-1deg"\n[survey]\n')
+    options = ("--listen", "udpin://127.0.0.1:9", "--records", str(tmp_path / "base.db"))
+    done = run_companion("base", str(mission), *options)
+    assert done.returncode == 2
+    assert "--key FILE is needed" in done.stderr
+    assert not (tmp_path / "base.db").exists()
 
 
 def test_log_shows_whose_key_it_is_and_no_secret(mission: Path, fleet: Path) -> None:

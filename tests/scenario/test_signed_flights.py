@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from companion.core.model.states import SwarmPhase
+from companion.core.vehicle.accepted import UNSIGNED
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink.framing import wire
 from mission.document.model import Mission
@@ -45,6 +46,25 @@ def test_signed_swarm_flies_as_an_unsigned_one(tmp_path: Path, loss: float, faul
     plain, _ = flown(mission, tmp_path / "plain")
     assert signed.metrics.arrival_last_s == pytest.approx(plain.metrics.arrival_last_s, abs=5.0)
     assert signed.metrics.min_separation_m == pytest.approx(plain.metrics.min_separation_m, abs=1.0)
+
+
+@pytest.mark.parametrize("faults", [[], RESTARTED], ids=["calm", "restart"])
+def test_companions_that_are_processes_fly_by_their_key_files_as_those_in_process(
+    tmp_path: Path, faults: list[dict[str, Any]]
+) -> None:
+    mission = short_mission(swarm={"size": 3}, sim={"faults": faults})
+    outside, shown = flown(mission, tmp_path / "outside", in_process=False, keys=FleetKeys(mission))
+    assert outside.succeeded, shown
+    inside, _ = flown(mission, tmp_path / "inside", keys=FleetKeys(mission))
+    assert outside.metrics == inside.metrics
+    log = (tmp_path / "outside" / "companions" / "companion-3.log").read_text()
+    assert "radio signed: vehicle 3" in log
+    assert "UNSIGNED" not in log + shown
+
+
+def test_ground_is_told_of_a_swarm_that_flies_unsigned(tmp_path: Path) -> None:
+    _, shown = flown(short_mission(swarm={"size": 2}), tmp_path)
+    assert UNSIGNED in shown
 
 
 class Attacker:

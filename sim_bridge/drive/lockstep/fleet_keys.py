@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import math
+from pathlib import Path
 from typing import Final
 
 from companion.keys.crypto import public_key
+from companion.keys.fleet_folder import file_name
+from companion.keys.key_file import render_keyring
 from companion.keys.keyring import OPERATOR, Keyring
 from companion.mavlink.orders.book import OrderBook
 from companion.mavlink.peers.guard import SignedGuard
 from companion.mavlink.peers.session import BASE_ID, OPERATOR_ID, open_session
+from mission.common.durable_files import replace_file
 from mission.document.load import dump_mission
 from mission.document.model import Mission
 from sim_bridge.drive.operator import SignedOperator
@@ -47,6 +51,12 @@ class FleetKeys:
         return Keyring(
             owner, self._draw("seed", owner), {0: self._draw("secret", 0)}, 0, operator, dict(self._vehicles)
         )
+
+    def write_files(self, folder: Path) -> None:
+        """A key file of each vehicle, for companions that are processes, in a folder of its own. OSError."""
+        folder.mkdir(mode=0o700)
+        for vehicle in self._vehicles:
+            replace_file(folder / file_name(vehicle), render_keyring(self.keyring(vehicle)).encode())
 
     def guard(self, node: int) -> SignedGuard:
         """Of the next start of a vehicle's companion, or of the base station."""

@@ -105,7 +105,8 @@ class InProcess:
             orders=orders,
         )
         self._disk = disk
-        self.endpoint.agent.waive("all")  # as `--waive all` of a companion that is a process
+        # As `--waive all`, and `--unsigned` without keys, of a companion that is a process
+        self.endpoint.agent.waive("all", unsigned=guard is None)
         self._answer = (b"", b"")
 
     @property

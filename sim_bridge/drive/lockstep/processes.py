@@ -106,11 +106,12 @@ def start_companion(
     program: Sequence[str] | ForkClient = PROGRAM,
     sensor_ports: Mapping[str, int] = MappingProxyType({}),
     records_file: Path | None = None,
+    key_file: Path | None = None,
 ) -> Child:
     """`companion run` with its links on loopback; its stderr beside `log_file`. StartError, OSError.
 
     `program`: what to execute as `companion`, or where to fork it. `sensor_ports`: of sensors' drivers, by their names.
-    `records_file`: of a mission that surveys.
+    `records_file`: of a mission that surveys. `key_file`: this vehicle's, in a swarm with keys; None: unsigned.
     """
     records = () if records_file is None else ("--records", str(records_file))
     sensors = [("--sensor", f"{name}=udpout://{LOOPBACK}:{port}") for name, port in sensor_ports.items()]
@@ -121,6 +122,7 @@ def start_companion(
         *("--peers", f"udpout://{LOOPBACK}:{radio_port}"),
         *chain.from_iterable(sensors),
         *("--clock", clock, "--waive", "all"),
+        *(("--unsigned",) if key_file is None else ("--key", str(key_file))),
         *("--log", str(log_file)),
         *records,
     ]
@@ -152,10 +154,11 @@ class CompanionProcess:
         drivers: RadioSocket | None = None,
         sensor: str = "",
         records_file: Path | None = None,
+        key_file: Path | None = None,
     ) -> None:
         """`drivers`: where all its sensors' drivers send from, on the link of `sensor`; None: it has none.
 
-        `records_file`: of a mission that surveys.
+        `records_file`: of a mission that surveys; `key_file`: of a swarm with keys.
         """
         self._id = vehicle_id
         self._radio = radio
@@ -178,6 +181,7 @@ class CompanionProcess:
             program=program,
             sensor_ports={} if drivers is None else {sensor: drivers.port},
             records_file=records_file,
+            key_file=key_file,
         )
 
     @property
@@ -249,7 +253,7 @@ class Launcher:
 
     They are forked from `forks`; `programs`: what to execute as `companion` for an id that is in it; `drivers`: of
     their sensors, where there are any, on the link of `sensor`; `records_file`: of one vehicle, where the mission has
-    records, the same when its companion starts again.
+    records, the same when its companion starts again; `key_file`: of one vehicle, where the swarm has keys.
     """
 
     mission_file: Path
@@ -260,6 +264,7 @@ class Launcher:
     drivers: RadioSocket | None = None
     sensor: str = ""
     records_file: Callable[[int], Path | None] = lambda _vehicle_id: None
+    key_file: Callable[[int], Path | None] = lambda _vehicle_id: None
 
     def launch(
         self,
@@ -313,6 +318,7 @@ class Launcher:
             self.drivers,
             self.sensor,
             self.records_file(vehicle_id),
+            self.key_file(vehicle_id),
         )
 
 

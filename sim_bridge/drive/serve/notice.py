@@ -66,7 +66,7 @@ def where(mission: Mission, mission_file: Path, ports: Ports, speed: float) -> d
                 "companion": [
                     *(_program("companion"), "run", "--mission", str(mission_file), "--id", str(vehicle_id)),
                     *("--autopilot", url(bound), "--peers", url(ports.radio), *drivers(vehicle_id)),
-                    *("--waive", "all"),
+                    *("--waive", "all", "--unsigned"),
                 ],
                 **({sensor: {"port": port(ports.sensors[vehicle_id])}} if vehicle_id in ports.sensors else {}),
             }
@@ -125,7 +125,8 @@ def _drivers(vehicles: Sequence[Mapping[str, Any]], sensor: str) -> list[str]:
 
 
 def _base(mission_file: Path, radio: str) -> list[str]:
-    return [_program("companion"), "base", str(mission_file), "--listen", radio, "--records", BASE_RECORDS]
+    options = ("--listen", radio, "--records", BASE_RECORDS, "--unsigned")
+    return [_program("companion"), "base", str(mission_file), *options]
 
 
 def _program(name: str) -> str:

@@ -13,10 +13,11 @@ from companion.core.guidance.open_sky_planner import has_just_fallen_silent
 from companion.core.model.actions import Say, SendBeacon
 from companion.core.model.beacon import Lease, PeerReport
 from companion.core.model.events import AutopilotHealth, AutopilotMode, Landed, OperatorOrder, Position
-from companion.core.model.states import FlightMode, LandedState, Order, SwarmPhase
+from companion.core.model.states import FlightMode, FlightState, LandedState, Order, SwarmPhase
 from companion.core.model.vectors import ZERO, norm
 from companion.core.safety.descent import is_clear_below
 from companion.core.vehicle import failsafe_engine
+from companion.core.vehicle.accepted import UNSIGNED, Accepted
 from companion.core.vehicle.failsafe import Cause, Finding
 from companion.mavlink.makes.px4 import PX4
 from mission.common.frames import Vec3
@@ -238,3 +239,13 @@ def test_operator_hears_at_each_start_why_a_vehicle_is_grounded_and_once_what_wa
     assert {"grounded, no preflight", "preflight waived: home,battery"} <= set(said(agent, 100.05))
     agent.receive(OperatorOrder(Order.START), 100.10)
     assert said(agent, 100.10) == ["grounded, no preflight"]
+
+
+def test_ground_is_told_each_time_a_vehicle_with_an_unsigned_radio_gets_ready() -> None:
+    accepted = Accepted()
+    states = [FlightState.WAITING, FlightState.READY, FlightState.READY, FlightState.WAITING, FlightState.READY]
+    assert not any(accepted.texts(state, started=False) for state in states)
+    accepted.accept("", unsigned=True)
+    accepted.texts(FlightState.WAITING, started=False)
+    told = [[say.text for say in accepted.texts(state, started=False)] for state in states]
+    assert told == [[], [UNSIGNED], [], [], [UNSIGNED]]

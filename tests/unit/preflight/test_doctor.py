@@ -9,6 +9,7 @@ import socket
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -21,7 +22,9 @@ from companion.mavlink import dialect
 from companion.mavlink.codec import Codec
 from companion.mavlink.endpoint import COMPONENT, heartbeat
 from companion.mavlink.framing import wire
+from companion.mavlink.framing.frames import SIGNED
 from companion.mavlink.packing import pack_ranges
+from companion.mavlink.peers.frame_mac import seal
 from companion.preflight.listen import SYSTEM_ID
 from companion.preflight.report import Check, Verdict
 from companion.sensors.lidar_tally import LidarTally
@@ -119,8 +122,13 @@ def test_peers_are_told_by_id_and_their_silence_is_no_problem(hear: Any) -> None
     codec._pos_ned_m = (0.0, 0.0, 0.0)
     payload = codec.encode_beacon(beacon(2))
     assert payload is not None
-    hear(wire.frame(swarm_beacon.MESSAGE_ID, payload, seq=0, system=2, component=COMPONENT))
-    assert doctor.peers_link(MESH).found == "vehicles 2"
+    signed = wire.frame(swarm_beacon.MESSAGE_ID, payload, seq=0, system=2, component=COMPONENT, flags=SIGNED)
+    signed = seal(signed, bytes(32), 0, 1)
+    hear(signed)
+    assert (doctor.peers_link(MESH).found, doctor.peers_link(MESH).verdict) == ("vehicles 2", Verdict.PASS)
+    hear(signed, wire.frame(swarm_beacon.MESSAGE_ID, payload, seq=0, system=3, component=COMPONENT))
+    assert doctor.peers_link(MESH).found == "vehicles 2, 3; UNSIGNED: 3"
+    assert doctor.peers_link(MESH).verdict is Verdict.WARN
     hear()
     assert doctor.peers_link(MESH).verdict is Verdict.WARN
 
@@ -304,6 +312,23 @@ def test_power_and_governor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 def test_service(told: str | None, verdict: Verdict, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doctor, "_run", lambda *_: told)
     assert doctor.service().verdict is verdict
+
+
+@pytest.mark.parametrize(
+    ("started", "unit", "verdict"),
+    [
+        (["companion", "run", "--key", "a"], "ExecStart=companion run --key a", Verdict.PASS),
+        (["companion", "run", "--unsigned"], "", Verdict.WARN),
+        ([], "ExecStart=companion run --unsigned", Verdict.WARN),
+    ],
+)
+def test_companions_that_fly_without_keys_are_told(
+    started: list[str], unit: str, verdict: Verdict, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    running = SimpleNamespace(info={"pid": 7, "cmdline": started})
+    monkeypatch.setattr(doctor.psutil, "process_iter", lambda _names: [running])
+    monkeypatch.setattr(doctor, "_run", lambda *_: unit)
+    assert doctor.unsigned().verdict is verdict
 
 
 @pytest.mark.parametrize(("told", "verdict"), [("yes", Verdict.PASS), ("no", Verdict.WARN), (None, Verdict.WARN)])

@@ -1,5 +1,8 @@
 """Members whose words count for separation alone: they lead nobody, no route goes over them, and no phase.
 
+A list of its own has those whose course alone is not gone by: who is wrong about that may lead, or two that
+judge differently would follow two leaders.
+
 One is blocked for good when it is proven to have lied (`block`), or for a while when what it says contradicts what this
 vehicle observes itself, again and again (`note_doubt`). What others say of a member never blocks it: so none can have
 another one shut out. A vehicle that contradicts many is more likely wrong itself, so it doubts a third of the swarm at
@@ -77,6 +80,11 @@ class Blocklist:
         """The members blocked since this was asked last, and why."""
         news, self._news = self._news, []
         return news
+
+
+def strip_course(beacon: Beacon) -> Beacon:
+    """The beacon of one whose course is not gone by: no route goes over it."""
+    return replace(beacon, ref_ned_mps=ZERO, dest_ned_m=None, route_cost=NO_ROUTE)
 
 
 def strip_beacon(beacon: Beacon) -> Beacon:

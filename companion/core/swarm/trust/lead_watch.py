@@ -1,9 +1,10 @@
 """The watch on a leader, by what is observed here: how it came to lead, and where its lead has brought this one.
 
-While a leader with the majority is heard of, no other one in radio contact can come to lead but by its hand-over: each
-that hears the leader's lease follows it. So one that follows it, or claims in vain, and says a moment later that it
-leads, is not believed. (One that was not heard meanwhile may come from another part: that one is, by the election's
-rank.)
+While a leader is heard of, no other one in radio contact can come to lead but by its hand-over: each that hears the
+leader's lease follows it. So one that follows it, or claims in vain, and says a moment later that it leads, is not
+believed, as long as that leader itself is heard of and says that it leads. (One that was not heard meanwhile may come
+from another part: that one is, by the election's rank. And a leader without the majority, or who follows one, judges
+nobody: the other may have it.)
 
 A leader that brings this vehicle far from the way that it was told when the swarm set out, or gets it nowhere for
 longer than one waits that keeps the mission's times, is given up: by the own odometry, of which only differences count.
@@ -44,6 +45,8 @@ class LeadWatch:
         "_limits_s",
         "_moved_ned_m",
         "_moved_s",
+        "_named",
+        "_news",
         "_phase",
         "_usurpers",
         "_way_ned_m",
@@ -57,6 +60,8 @@ class LeadWatch:
         self._apart_s: Final = APART_PERIODS / mission.radio.beacon_rate_hz
         self._beacons: dict[int, tuple[float, Lease | None]] = {}  # by sender: when, and whom it followed
         self._usurpers: set[int] = set()
+        self._named: set[int] = set()  # in a word for the operator, once
+        self._news: list[tuple[int, str]] = []
         self._phase = SwarmPhase.ASSEMBLE
         # Where it was when the swarm left d1, and where it was told then, and at each tree, that the way leads.
         self._way_ned_m: list[Vec3] = []
@@ -75,10 +80,7 @@ class LeadWatch:
             self._usurpers.discard(sender)
             return True
         mine = election.lease
-        if mine is None or not (mine.established and mine.quorum) or not self._is_fresh(election):
-            self._usurpers.discard(sender)
-            return True  # without the majority, another may well lead those that have it
-        if mine.leader == sender:
+        if mine is None or not mine.established or mine.leader == sender or not self._is_fresh(election, mine):
             self._usurpers.discard(sender)
             return True
         if sender in self._usurpers:
@@ -88,6 +90,9 @@ class LeadWatch:
         if self._hands_over(mine, sender, now_s):
             return True
         self._usurpers.add(sender)
+        if sender not in self._named:
+            self._named.add(sender)
+            self._news.append((sender, "leads unasked"))
         return False
 
     def may_lead(self, vehicle: int) -> bool:
@@ -107,8 +112,13 @@ class LeadWatch:
         return own.heir == sender and own.ends > 0
 
     @staticmethod
-    def _is_fresh(election: Election) -> bool:
-        return election.acts or election.age <= FRESH_PERIODS
+    def _is_fresh(election: Election, mine: Lease) -> bool:
+        return mine.quorum and (election.acts or election.age <= FRESH_PERIODS)
+
+    def take_news(self) -> list[tuple[int, str]]:
+        """Vehicles that lead unasked, and why in words, since this was asked last."""
+        news, self._news = self._news, []
+        return news
 
     # --- where its lead has brought this one ---
 
@@ -162,8 +172,7 @@ class LeadWatch:
 
 
 def _leads(sender: int, lease: Lease | None) -> bool:
-    """A part without the majority may have a leader of its own: nobody goes over to that one who has another."""
-    return lease is not None and lease.leader == sender and lease.established and lease.quorum
+    return lease is not None and lease.leader == sender and lease.established
 
 
 def _level_distance_m(here: Vec3, a: Vec3, b: Vec3) -> float:

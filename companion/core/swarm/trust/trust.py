@@ -15,7 +15,7 @@ from companion.core.swarm.election import Election
 from companion.core.swarm.phases import Phases
 from companion.core.swarm.picture import Picture
 from companion.core.swarm.priorities import Priorities
-from companion.core.swarm.trust.blocklist import DOUBT_LIMIT, Blocklist, strip_beacon
+from companion.core.swarm.trust.blocklist import DOUBT_LIMIT, Blocklist, strip_beacon, strip_course
 from companion.core.swarm.trust.lead_watch import LeadWatch
 from companion.core.swarm.trust.phase_gate import PhaseGate
 from companion.core.swarm.trust.relay_watch import LEAST_COST, Patience, breaks_route, find_contradicting
@@ -34,6 +34,7 @@ class Trust:
     def __init__(self, mission: Mission, me: int, priorities: Priorities) -> None:
         self._me, self._priorities = me, priorities
         self.blocklist = Blocklist(mission.swarm.size)
+        self._courses = Blocklist(mission.swarm.size)
         self.gate = PhaseGate(mission, me)
         self._leads = LeadWatch(mission)
         self._patience = Patience()
@@ -57,15 +58,17 @@ class Trust:
         if beacon.range_m < self._least_range_m - RANGE_STEP_M:
             beacon = replace(beacon, range_m=self._least_range_m)
         if breaks_route(beacon):
-            self.blocklist.note_doubt(beacon.sender, "route cost is false", PLAIN_LIE, now_s)
+            self._courses.note_doubt(beacon.sender, "route cost is false", PLAIN_LIE, now_s)
             beacon = replace(beacon, route_cost=LEAST_COST)
+        lease = beacon.lease
+        if self._courses.has(beacon.sender) and (lease is None or lease.leader != beacon.sender):
+            beacon = strip_course(beacon)
         return beacon
 
     def receive_lease(self, beacon: Beacon, election: Election, now_s: float) -> bool:
         """A new beacon of another member, for the election: its lease, as far as it counts; True: it is news."""
         lease, sender = beacon.lease, beacon.sender
-        if not self._leads.note_claim(beacon, election, now_s):
-            self.blocklist.note_doubt(sender, "leads unasked", 1.0, now_s)
+        self._leads.note_claim(beacon, election, now_s)
         if lease is None or self.blocklist.has(lease.leader) or not self._leads.may_lead(lease.leader):
             return False
         if not self._priorities.may_have(lease.priority, lease.leader):
@@ -83,12 +86,8 @@ class Trust:
         seq, at_s = self._own_words_s.get(lease.leader, (own.seq, now_s))
         if lease.seq > seq + int((now_s - at_s) / self._period_s) + PERIODS_BESIDE:
             return None
-        if (lease.heir, lease.ends, lease.established, lease.quorum) == (
-            own.heir,
-            own.ends,
-            own.established,
-            own.quorum,
-        ):
+        said = (lease.heir, lease.ends, lease.established, lease.quorum)
+        if said == (own.heir, own.ends, own.established, own.quorum):
             return lease
         return replace(lease, heir=own.heir, ends=own.ends, established=own.established, quorum=own.quorum)
 
@@ -123,9 +122,10 @@ class Trust:
             if fault and lease is not None:
                 self.blocklist.note_doubt(lease.leader, fault, DOUBT_LIMIT, now_s)
         self.blocklist.fade(now_s)
+        self._courses.fade(now_s)
         if lease is not None and self.blocklist.has(lease.leader):
             election.depose()
-        return self.blocklist.take_news()
+        return [*self.blocklist.take_news(), *self._courses.take_news(), *self._leads.take_news()]
 
     def find_views(self, heard: Sequence[Beacon]) -> list[Beacon]:
         """The beacons whose views of the leader count."""
@@ -135,7 +135,7 @@ class Trust:
         """A follower's route: of those that it goes by, one may hand down what is not so."""
         false = 0 if lease is None else find_contradicting(route, neighbours, lease.leader)
         if false:
-            self.blocklist.note_doubt(false, "hands down a false course", 1.0, now_s)
+            self._courses.note_doubt(false, "hands down a false course", 1.0, now_s)
 
     def filter_followers(self, followers: list[Neighbour], now_s: float) -> list[Neighbour]:
         """The followers whose governor counts."""

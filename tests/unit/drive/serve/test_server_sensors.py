@@ -94,8 +94,8 @@ def test_notice_has_the_base_station_of_a_mission_that_surveys_alone(mission: Mi
     surveys = Mission.model_validate({**mission.model_dump(by_alias=True), "sensing": lidar, "survey": {}})
     told = notice.where(surveys, Path("m.toml"), ports, 1.0)
     radio = f"udpout://127.0.0.1:{ports.radio.getsockname()[1]}"
-    assert told["base"][1:] == ["base", "m.toml", "--listen", radio, "--records", "records.db"]
-    assert f"companion base m.toml --listen {radio} --records records.db" in notice.table(told, None)
+    assert told["base"][1:] == ["base", "m.toml", "--listen", radio, "--records", "records.db", "--unsigned"]
+    assert f"companion base m.toml --listen {radio} --records records.db --unsigned" in notice.table(told, None)
 
 
 def test_scans_by_way_of_the_autopilot_come_with_its_onboard_stream() -> None:
