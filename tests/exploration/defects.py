@@ -10,16 +10,14 @@ from tests.bench.planted_defects import Defect, plant
 from tests.bench.turns import ROOT, pure_copy
 
 ELECTION, ROSTER = "companion/core/swarm/election.py", "companion/core/swarm/roster.py"
-ORDERS, PHASES = "companion/core/vehicle/operator_orders.py", "companion/core/swarm/phases.py"
+ORDERS = "companion/core/vehicle/operator_orders.py"
 FOUR, CHAIN = "four, one trouble", "chain of four, one trouble"
 MISSION = "a mission of three, one trouble or an order"
 
 # Each with the slice that is to find it; its cause is one of the rules, "error" an exception.
 DEFECTS: tuple[tuple[Defect, str], ...] = (
     (
-        Defect(
-            "a half is a quorum", ROSTER, (("= here > missing or", "= here >= missing or"),), "two exclusive leaders"
-        ),
+        Defect("a half is a quorum", ROSTER, (("= here > missing or", "= here >= missing or"),), "majority"),
         FOUR,
     ),
     (
@@ -55,20 +53,6 @@ DEFECTS: tuple[tuple[Defect, str], ...] = (
             ORDERS,
             (("self.aborts |= beacon.abort", "self.aborts = beacon.abort"),),
             "latch",
-        ),
-        MISSION,
-    ),
-    (
-        Defect(
-            "an older phase is adopted",
-            PHASES,
-            (
-                (
-                    "progress_of(phase, stop) > progress_of(self.phase",
-                    "progress_of(phase, stop) != progress_of(self.phase",
-                ),
-            ),
-            "phase",
         ),
         MISSION,
     ),
