@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
+from tests.exploration.model import table
 from tests.exploration.slices import ALL, QUICK, explore_all
 
 HEAD = (
@@ -21,7 +22,11 @@ def main() -> int:
     parser.add_argument(
         "--seconds", type=float, default=1e9, metavar="S", help="of the processor, for each slice at most"
     )
+    parser.add_argument("--model", action="store_true", help="the small model instead, in half a minute")
     args = parser.parse_args()
+    if args.model:
+        print("\n".join(table()))
+        return 0
     slices = [part for part in (QUICK if args.quick else ALL) if args.only in part.name]
     broken: list[str] = []
     print("\n".join(HEAD), flush=True)

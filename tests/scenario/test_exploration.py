@@ -11,6 +11,7 @@ from tests.bench.planted_defects import Defect
 from tests.exploration.air import Act, Air, Trouble
 from tests.exploration.defects import DEFECTS, find
 from tests.exploration.kept import Shelf
+from tests.exploration.model import LINGERS, STALE, Model, find_overlap
 from tests.exploration.slices import QUICK, Slice, small_mission
 from tests.exploration.vehicle import Fleet
 
@@ -44,3 +45,11 @@ def test_a_field_that_no_table_knows_is_refused(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(Roster, "__slots__", (*Roster.__slots__, "news"))
     with pytest.raises(ValueError, match="Roster: news: say how it is kept"):
         Shelf(Swarm(small_mission(3), 1, FloodedOrders()))
+
+
+@pytest.mark.parametrize("stale", STALE)
+def test_in_the_small_model_a_vote_that_is_promised_keeps_one_alone_and_no_wait_does(stale: int) -> None:
+    promised = stale + LINGERS
+    assert not find_overlap(Model(3, stale=stale, wait=0, promise=promised))[0]
+    assert find_overlap(Model(3, stale=stale, wait=0, promise=promised - 1))[0]
+    assert find_overlap(Model(3, stale=stale, wait=10))[0]

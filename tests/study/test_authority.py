@@ -37,7 +37,7 @@ def under_way() -> Authority:
 
 def step(model: Authority, now_s: float, *beacons: Any, liars: tuple[int, ...] = ()) -> str:
     told = {k: one for k, one in enumerate(beacons, start=1) if one is not None}
-    return model.step(now_s, told, tuple(told), set(liars))
+    return model.judge_tick(now_s, told, tuple(told), set(liars))
 
 
 def test_a_leader_decides_and_the_others_follow() -> None:

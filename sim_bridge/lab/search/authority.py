@@ -1,4 +1,4 @@
-"""Who decides, as a small model: what a flight's beacons may say one after the other. Each flight is a trace of it.
+"""Small model of who decides: the beacons that a flight may have, one after the other. Each flight is a trace of it.
 
 A vehicle *decides* when it has said for DECIDES_AFTER_S, without a break, that it leads and that its part has the
 majority. Then, whatever is lost, cut off or started again:
@@ -28,7 +28,7 @@ Progress = tuple[bool, int, SwarmPhase]
 
 
 class Authority:
-    """Model of one flight: `step` with each tick's last beacons; it returns what breaks a rule, in words, or ""."""
+    """Model of one flight: `judge_tick` with each tick's last beacons returns what breaks a rule, in words; or ""."""
 
     def __init__(self) -> None:
         self._told: dict[int, tuple[SwarmPhase, int]] = {}  # by vehicle: phase and stop
@@ -40,7 +40,7 @@ class Authority:
         """The vehicles that decide."""
         return [k for k, since_s in self._leads_s.items() if now_s - since_s >= DECIDES_AFTER_S + PERIODS_S]
 
-    def step(self, now_s: float, said: Mapping[int, WireBeacon], answered: Iterable[int], liars: set[int]) -> str:
+    def judge_tick(self, now_s: float, said: Mapping[int, WireBeacon], answered: Iterable[int], liars: set[int]) -> str:
         """One tick: the last beacon of each, and whose companions have answered in it."""
         there = set(answered) & said.keys()
         for gone in self._told.keys() - there:  # stalled, or started again: it may know nothing

@@ -191,11 +191,11 @@ class OneDecides(Invariant):
         self._model = Authority()
 
     def find_violation(self, flight: Flight) -> str:
-        """What no trace of the model has."""
+        """The first beacon that no trace of the model has."""
         tick = flight.last
         lies = [event for event in flight.faults.happened if event.kind is FaultKind.INSIDER]
         liars = {vehicle for event in lies for vehicle in event.vehicles}
-        broken = self._model.step(tick.time_s, tick.said, tick.answered, liars)
+        broken = self._model.judge_tick(tick.time_s, tick.said, tick.answered, liars)
         return broken and f"{broken}, at {tick.time_s:.1f} s"
 
 
