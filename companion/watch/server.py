@@ -24,7 +24,7 @@ from typing import Any, ClassVar, Final
 from urllib.parse import parse_qs, urlsplit
 
 from companion.watch.chart import ZOOM_MAX, Chart
-from companion.watch.connections import (
+from mission.common.connections import (
     SEND_BUFFER_BYTES,
     Connections,
     Notices,
