@@ -214,8 +214,8 @@ class Endpoint:
             self._versions_told.add(sender)
             self._to_say.append(_other_version(sender, version))
 
-    def tell(self, say: Say) -> None:
-        """What is around this companion has something to say to the operator: with the next tick."""
+    def queue_say(self, say: Say) -> None:
+        """A text of what runs this companion, for the operator: goes out with the next tick."""
         self._to_say.append(say)
 
     def _decoder_table(self) -> dict[int, Callable[[Any], Event | None]]:

@@ -20,13 +20,13 @@ from companion.watch.heard import Heard
 from companion.watch.server import Stream, WatchServer
 from companion.watch.udp_receiver import UdpReceiver
 from mission import __version__
-from mission.common import own_addresses
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
 from mission.common.frames import LocalFrame, enu_to_ned
 from mission.common.problems import MissionError
 from mission.common.signals import Stop
 from mission.document.load import load_mission
 from mission.document.model import Mission
+from mission.serving import own_addresses
 from mission.stems.utm import zone_of
 
 PICTURES_S: Final = 0.25  # four a second: ages in tenths need no more

@@ -321,7 +321,7 @@ def test_a_flood_is_told_to_the_operator_with_the_beacons_that_are_lost(
     monkeypatch.setattr(endpoint.agent, "localiser", SimpleNamespace(neighbours=heard))
     monkeypatch.setattr(endpoint.agent, "status", lambda _now_s: status)
     told: list[Say] = []
-    monkeypatch.setattr(endpoint, "tell", told.append)
+    monkeypatch.setattr(endpoint, "queue_say", told.append)
     for second in range(9):
         peers.lost += 4120 if second == 1 else 0
         watch.log_changes(float(second), [])
@@ -336,7 +336,7 @@ def test_a_flood_is_told_to_the_operator_with_the_beacons_that_are_lost(
 def test_what_is_told_goes_to_the_operator_with_the_next_tick() -> None:
     endpoint = endpoint_of(mission())
     endpoint.tick(10.0)
-    endpoint.tell(Say(Severity.WARNING, "peers' link flooded: 4120 lost unread"))
+    endpoint.queue_say(Say(Severity.WARNING, "peers' link flooded: 4120 lost unread"))
     out = endpoint.tick(10.05)
     assert (4, "peers' link flooded: 4120 lost unread") in statustexts(out.autopilot)
     assert Say(Severity.WARNING, "peers' link flooded: 4120 lost unread") in out.said
