@@ -329,7 +329,7 @@ class Endpoint:
                 setpoint = self.codec.setpoint(action.vel_ned_mps, action.yaw_rad, int(now_s * 1e3) & 0xFFFFFFFF)
                 to_autopilot.append(self._to_autopilot.frame(SETPOINT, setpoint))
             case SendBeacon():
-                payload = self.codec.encode_beacon(action.beacon, action.pos_ned_m)
+                payload = self.codec.encode_beacon(action.beacon, action.pos_ned_m, action.off_ned_m)
                 if payload is not None:
                     to_peers += self.peers.send_beacon(action.beacon, payload, action.word, now_s)
             case Ask(request, altitude_m):

@@ -65,8 +65,13 @@ PARAMETERS: Final = {  # their names are the keys of [[sim.faults]]
     "late_s": Parameter(0.0, 10.0, "Of `late`: the delay.", above=True),
     "wind_mps": Parameter(-30.0, 30.0, "Of `wind`: east, north, where the air moves to.", level=True),
     "drift_mps": Parameter(
-        -5.0, 5.0, "Of `gnss-drift`: east, north, how fast the position reported leaves the true one.", level=True
+        -5.0,
+        5.0,
+        "Of `gnss-drift` and `position-drift`: east, north, how fast the position reported leaves the true one.",
+        level=True,
     ),
+    "jump_m": Parameter(-50.0, 50.0, "Of `position-jump`: east, north, how far the position jumps.", level=True),
+    "height_m": Parameter(-50.0, 50.0, "Of `height-error`: by how much the height reported is too large."),
     "bias_m": Parameter(-5.0, 5.0, "Of `range-errors`: by how much ranges are too long."),
     "noise_m": Parameter(
         0.0, 5.0, "Of `scan-errors` and `range-errors`: standard deviation of a noise besides the usual."
@@ -99,6 +104,25 @@ FORMS: Final = {
         "with drift_mps; when it is over they jump back",
         ("drift_mps",),
         needs=Needs.SATELLITES,
+        of_vehicle=True,
+    ),
+    FaultKind.POSITION_JUMP: FaultForm(
+        "the position reported, and flown by, is off by jump_m at once; when it is over it jumps back",
+        ("jump_m",),
+        of_vehicle=True,
+    ),
+    FaultKind.POSITION_FREEZE: FaultForm(
+        "the position reported, and flown by, stays as it was, to the bit; velocities are right", of_vehicle=True
+    ),
+    FaultKind.POSITION_DRIFT: FaultForm(
+        "the position reported, and flown by, departs from the true one with drift_mps, and velocities are right; when "
+        "it is over it jumps back",
+        ("drift_mps",),
+        of_vehicle=True,
+    ),
+    FaultKind.HEIGHT_ERROR: FaultForm(
+        "the height reported, and flown by, is height_m too large at once; when it is over it jumps back",
+        ("height_m",),
         of_vehicle=True,
     ),
     FaultKind.MOTOR: FaultForm(

@@ -172,7 +172,7 @@ def test_lidar_is_told_with_what_it_sees(hear: Any) -> None:
 
 
 def ranges_frame(*vehicles: int) -> bytes:
-    message = dialect.MAVLink_swarm_ranges_message(list(pack_ranges([(k, 8.0, 0.0) for k in vehicles])))
+    message = dialect.MAVLink_swarm_ranges_message(0, list(pack_ranges([(k, 8.0, 0.0) for k in vehicles])))
     return wire.pack(message, seq=0, system=3, component=158)
 
 

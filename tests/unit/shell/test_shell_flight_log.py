@@ -38,7 +38,7 @@ def scan_frame(system: int = 3) -> bytes:
 
 
 def ranges_frame(system: int = 3) -> bytes:
-    message = dialect.MAVLink_swarm_ranges_message(list(pack_ranges([(1, 8.0, 0.0)])))
+    message = dialect.MAVLink_swarm_ranges_message(0, list(pack_ranges([(1, 8.0, 0.0)])))
     frame: bytes = message.pack(dialect.MAVLink(None, srcSystem=system, srcComponent=158))
     return frame
 

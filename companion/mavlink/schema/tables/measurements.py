@@ -23,6 +23,13 @@ RANGES: Final = Message(
     see=HOW_TO,
     fields=(
         field(
+            "time_boot_ms",
+            "uint32_t",
+            "When this was sent, by the driver's own clock since it began; 0: it has none. By it frames that are sent "
+            "again, or were held back, are told from new ones.",
+            unit="ms",
+        ),
+        field(
             "ranges",
             "uint8_t[128]",
             "Groups of four bytes: system id of the other vehicle (0: none); the distance in centimetres, "

@@ -264,6 +264,17 @@ def test_who_hands_down_a_false_course_may_lead_all_the_same() -> None:
     assert trust.receive_lease(said, election, 3.0)
 
 
+def test_no_route_goes_over_one_that_leads_unasked() -> None:
+    """Or those behind it are lost to the leader's count, which then lacks the majority, and gives way."""
+    trust, election = Trust(MISSION, 5, Priorities(MISSION)), follower_of(lease(1, 500, established=True))
+    usurps = beacon(3, lease=Lease(3, 900, 0, 10, established=True), route_cost=0.0, ref_ned_mps=(0.0, 3.0, 0.0))
+    trust.receive_lease(beacon(3, lease=lease(1, 500, established=True)), election, 1.0)
+    assert trust.sanitise_beacon(usurps, 1.1) == usurps
+    assert not trust.receive_lease(usurps, election, 1.1)
+    said = trust.sanitise_beacon(usurps, 1.2)
+    assert (said.route_cost, said.ref_ned_mps) == (NO_ROUTE, (0.0, 0.0, 0.0))
+
+
 @pytest.mark.parametrize("leads", [False, True])
 def test_whose_part_lacks_the_majority_judges_no_leader(leads: bool) -> None:
     """The other may have it; a leader that judged it led its part on until it landed."""
