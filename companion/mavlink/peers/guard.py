@@ -45,7 +45,7 @@ class Guard(Protocol):
     refused: Counter[str]  # frames, by reason
 
     def passes(self, frame: bytes, now_s: float) -> bool:
-        """True: this valid frame was sent by one of the swarm, now. Asked before it is decoded, and then `take_frame`."""
+        """True: this valid frame was sent by one of the swarm, now. Before it is decoded; then follows `take_frame`."""
 
     def take_frame(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> None:
         """A frame that has passed. `said`: of a beacon; `named`: by its sender's manifests."""
