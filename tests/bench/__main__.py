@@ -21,6 +21,7 @@ from companion.core.model.states import SwarmPhase
 from sim_bridge.judge.progress import Progress
 from tests.bench import (
     bad_radio,
+    defences,
     encounters,
     floods,
     hashes,
@@ -61,6 +62,7 @@ from tests.unit.core.core_election_net import acting_within, failover_within, ov
 # Benchmarks with options of their own.
 PROGRAMS = {
     "bad-radio": bad_radio.main,
+    "defences": defences.main,
     "encounters": encounters.main,
     "hashes": hashes.main,
     "insiders": insiders.main,
@@ -339,6 +341,7 @@ ABOUT = {
     "survey": "stems measured by a lidar of each class against the bridge's trees: see survey --help",
     "survey-fits": "our fits of stems beside a library's on the same clouds: see survey-fits --help",
     "trunks": "contacts with trunks by estimates as recorded, by class of sensor: see trunks --help",
+    "defences": "which failsafes and limits acted in flights of sim-bridge search: see defences --help",
     "bad-radio": "beacons lost, late or cut off: what is said, who counts as silent: see bad-radio --help",
     "layers": "parts that do not hear each other, with layers of height and without: see layers --help",
     "hashes": "what flies, as hashes, to compare two versions: see hashes --help",
