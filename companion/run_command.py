@@ -34,6 +34,7 @@ from mission.common.problems import MissionError, printable
 from mission.document.load import load_mission
 from mission.document.model import Mission
 
+SIGNING = "signing"  # the check that saw the autopilot refuse who has no key
 EXIT_DONE = 0
 EXIT_BROKEN = 1  # a broken invariant; the traceback is in the log
 EXIT_REFUSED = 2  # wrong usage or a bad mission; argparse uses the same
@@ -115,6 +116,8 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
         key = choose_key(arguments.key, unsigned=arguments.unsigned, what="this vehicle", size=mission.swarm.size)
     except NoKeyError as error:
         raise RefusedError(EXIT_REFUSED, str(error)) from None
+    if arguments.sign_autopilot and key is None:
+        raise RefusedError(EXIT_REFUSED, "--sign-autopilot: signs with the vehicle's key: --key FILE is needed")
     urls: dict[str, Url] = arguments.sensors
     stop = opened.enter_context(Stop())
     log_fd = _log_fd(arguments.log, opened)
@@ -136,7 +139,10 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
         ) from None
     radio = _radio_keys(key, arguments, mission, opened)
     records = _records(arguments, mission, opened, log)
-    cleared = clearance(arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time())
+    needs = (SIGNING,) if arguments.sign_autopilot else ()
+    cleared = clearance(
+        arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time(), needs=needs
+    )
     box = _black_box(arguments, mission, cleared, radio)
     endpoint = Endpoint(
         mission,
@@ -148,6 +154,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
         records=records if box is None else box.record_link(records),
         guard=radio.guard if box is None else box.record_guard(radio.guard),
         orders=radio.orders if box is None else box.record_orders(radio.orders),
+        autopilot_gate=radio.autopilot_gate if box is None else box.record_gate(radio.autopilot_gate),
     )
     endpoint.agent.ground(cleared.grounded)
     endpoint.agent.waive(",".join(cleared.waived), cleared.unknown, unsigned=key is None)
@@ -176,7 +183,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     gc.freeze()  # what is there now stays: later collections need not look at it
     try:
         if by_vehicle:
-            runner.by_vehicle(endpoint.hello())
+            runner.by_vehicle((recorder or endpoint).hello())
         else:
             runner.by_monotonic()
     except Exception:  # noqa: BLE001  not swallowed: the process ends here, and setpoints with it
@@ -204,6 +211,7 @@ def _radio_keys(key: str | None, arguments: argparse.Namespace, mission: Mission
             arguments.log,
             opened,
             beside_loop=arguments.clock == "monotonic",
+            signs_autopilot=arguments.sign_autopilot,
         )
     except KeyFileError as error:
         raise RefusedError(EXIT_REFUSED, f"--key {error}") from None
@@ -253,6 +261,7 @@ def _black_box(
         unsigned=radio.guard is None,
         guard=radio.guard,
         orders=radio.orders,
+        autopilot_signed=radio.autopilot_gate is not None,
     )
     return open_black_box(folder, start, beside_loop=arguments.clock == "monotonic")
 

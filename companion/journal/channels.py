@@ -105,6 +105,7 @@ SCHEMAS: Final[Mapping[Channel, Json]] = {
         unsigned={"type": "boolean"},
         flown_by=_TEXT,
         guard_flags={"type": ["integer", "null"]},  # of a guard with keys
+        autopilot_signed={"type": "boolean"},
         orders={"type": ["object", "null"]},  # of the operator's key: its public half, and what was seen of it before
     ),
     Channel.TICK: _object(

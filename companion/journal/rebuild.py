@@ -5,7 +5,8 @@ from __future__ import annotations
 from pydantic import ValidationError
 
 from companion.journal.channels import VERSION, Json
-from companion.journal.tape import PlayedGuard, PlayedLink, PlayedMarks, PlayedTape
+from companion.journal.tape.played import PlayedGate, PlayedGuard, PlayedLink, PlayedMarks
+from companion.journal.tape.tape import PlayedTape
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.harvest import Survey
 from companion.mavlink.orders.book import OrderBook
@@ -36,6 +37,7 @@ def rebuild_endpoint(start: Json, tape: PlayedTape) -> Endpoint:
             sensor_streams={str(name): bool(is_stream) for name, is_stream in start["sensor_streams"].items()},
             guard=None if start["guard_flags"] is None else PlayedGuard(tape, int(start["guard_flags"])),
             orders=None if start["orders"] is None else rebuild_book(start["orders"], vehicle_id, tape),
+            autopilot_gate=PlayedGate(tape) if start["autopilot_signed"] else None,
             survey=survey,
             records=PlayedLink(tape) if start["has_records"] else None,
         )

@@ -11,10 +11,12 @@ from companion.core.model.actions import Say
 from companion.journal.channels import VERSION, Channel, Json, Refusals, head, outputs, sensor_links, tick_text
 from companion.journal.journal import ChunkWriter, Journal
 from companion.journal.segments import SegmentFiles
-from companion.journal.tape import RecordedGuard, RecordedLink, RecordedMarks, Tape
+from companion.journal.tape.recorded import RecordedGate, RecordedGuard, RecordedLink, RecordedMarks
+from companion.journal.tape.tape import Tape
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.framing.frames import Incoming
 from companion.mavlink.framing.outbox import Outbox
+from companion.mavlink.framing.signing import Gate
 from companion.mavlink.harvest import RecordLink
 from companion.mavlink.orders.book import OrderBook
 from companion.mavlink.peers.guard import Guard
@@ -44,6 +46,7 @@ def start_body(
     flown_by: str = "",
     guard: Guard | None = None,
     orders: OrderBook | None = None,
+    autopilot_signed: bool = False,
 ) -> Json:
     """All that an endpoint is built of. `mission_file`: its text as it was read; `mission` is what became of it.
 
@@ -72,6 +75,7 @@ def start_body(
         "unsigned": unsigned,
         "flown_by": flown_by,
         "guard_flags": None if guard is None else guard.flags,
+        "autopilot_signed": autopilot_signed,
         "orders": None if orders is None else _book_json(orders),
     }
 
@@ -105,6 +109,10 @@ class BlackBox:
         """The book to build it with, which has not been used; None: there is none."""
         return None if orders is None else orders.with_marks(lambda marks: RecordedMarks(marks, self._tape))
 
+    def record_gate(self, gate: Gate | None) -> Gate | None:
+        """The gate of the autopilot's link to build it with; None: one without a key, which is run again."""
+        return None if gate is None else RecordedGate(gate, self._tape)
+
     def record_link(self, link: RecordLink | None) -> RecordLink | None:
         """The link of records to build it with."""
         return None if link is None else RecordedLink(link, self._tape)
@@ -124,8 +132,15 @@ class Recorder:
         self._tape: Final = tape
         self._sensors: Final = {name: Channel.SENSORS_IN + k for k, name in enumerate(sensor_links(start))}
         self._refusals: Final = Refusals()
-        self._data = b""  # that `read_autopilot` read last
+        self._data = b""  # that `read_autopilot` read last,
+        self._verdicts = b""  # and what its gate said of it
         self._now_s = 0.0
+
+    def hello(self) -> bytes:
+        """As Endpoint, before the first input: no part of the flight."""
+        data = self._endpoint.hello()
+        self._tape.take_lists()
+        return data
 
     def from_autopilot(self, data: bytes, now_s: float) -> None:
         """As Endpoint."""
@@ -133,13 +148,16 @@ class Recorder:
         self._endpoint.from_autopilot(data, now_s)
 
     def read_autopilot(self, data: bytes) -> list[Incoming]:
-        """As Endpoint; recorded once it has its time."""
-        self._data = data
-        return self._endpoint.read_autopilot(data)
+        """As Endpoint; recorded once it has its time, which others' datagrams may have before."""
+        self._data, before = data, self._tape.count_verdicts()
+        messages = self._endpoint.read_autopilot(data)
+        self._verdicts = self._tape.cut_verdicts(before)
+        return messages
 
     def autopilot_says(self, messages: Iterable[Incoming], now_s: float) -> None:
         """As Endpoint."""
         self.journal.put_datagram(Channel.AUTOPILOT_IN, self._data, now_s)
+        self._tape.put_verdicts(self._verdicts)
         self._endpoint.autopilot_says(messages, now_s)
 
     def from_sensor(self, data: bytes, now_s: float, link: str = SHARED) -> None:

@@ -15,7 +15,7 @@ from companion.journal.channels import OUTPUTS, Channel, Json, Refusals, outputs
 from companion.journal.reading import Break, CutOff, Flight, Gap, Recorded, Start, read_flight
 from companion.journal.rebuild import RebuildError, rebuild_endpoint
 from companion.journal.summary import Summary
-from companion.journal.tape import PlayedTape, TapeError
+from companion.journal.tape.tape import PlayedTape, TapeError
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.framing import wire

@@ -14,7 +14,8 @@ from companion.journal.reading import find_flights
 from companion.journal.recorder import Recorder, files_of
 from companion.journal.replay import replay_flight
 from companion.journal.segments import DirectWriter
-from companion.journal.tape import PlayedLink, PlayedTape, TapeError
+from companion.journal.tape.played import PlayedLink
+from companion.journal.tape.tape import PlayedTape, TapeError
 from companion.mavlink import dialect
 from companion.mavlink.framing.frames import whole
 from companion.records.record import RecordKind
