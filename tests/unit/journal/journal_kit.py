@@ -15,6 +15,7 @@ from companion.journal.reading import Flight, find_flights
 from companion.journal.recorder import BlackBox, Recorder, files_of, start_body
 from companion.journal.segments import DirectWriter
 from companion.mavlink.endpoint import Endpoint
+from companion.mavlink.framing.signing import Gate
 from companion.mavlink.harvest import RecordLink
 from companion.mavlink.orders.book import OrderBook
 from companion.mavlink.peers.guard import Guard
@@ -64,16 +65,20 @@ def recorder_of(
     *,
     guard: Guard | None = None,
     orders: OrderBook | None = None,
+    gate: Gate | None = None,
     records: RecordLink | None = None,
     **start: Any,
 ) -> tuple[Recorder, Endpoint]:
-    body = start_of(has_records=records is not None, guard=guard, orders=orders) | start
+    body = (
+        start_of(has_records=records is not None, guard=guard, orders=orders, autopilot_signed=gate is not None) | start
+    )
     box = BlackBox(writer, body)
     endpoint = Endpoint(
         MISSION,
         ME,
         guard=box.record_guard(guard),
         orders=box.record_orders(orders),
+        autopilot_gate=box.record_gate(gate),
         records=box.record_link(records),
     )
     endpoint.agent.ground(body["grounded"])
