@@ -74,7 +74,7 @@ class ChangeLogger:
         report: Callable[[Say], None] | None = None,
     ) -> None:
         """`sensors`: links to drivers, by the sensor's name. `report`: takes what is to be told, else the endpoint."""
-        self._report = report or endpoint.report_surroundings
+        self._recorded = report
         self._log = log
         self._endpoint = endpoint
         self._autopilot = autopilot
@@ -167,14 +167,15 @@ class ChangeLogger:
 
     def _tell_flood(self, now_s: float, text: str, is_over: bool) -> None:
         """To the operator, and so with the next tick to this log; which beacons arrive, at once."""
-        self._report(Say(Severity.NOTICE if is_over else Severity.WARNING, brief(text)))
+        report = self._recorded or self._endpoint.report_surroundings
+        report(Say(Severity.NOTICE if is_over else Severity.WARNING, brief(text)))
         shares = {one.beacon.sender: one.share for one in self._endpoint.agent.localiser.neighbours}
         if is_over or not shares:
             return
         share, vehicle = min((share, vehicle) for vehicle, share in shares.items())
         if share < FEW:
             lost = f"beacons lost: {100.0 * share:.0f} % of vehicle {vehicle}'s arrive"
-            self._report(Say(Severity.WARNING, lost))
+            report(Say(Severity.WARNING, lost))
         each = ", ".join(f"{vehicle} {100.0 * share:.0f} %" for vehicle, share in sorted(shares.items()))
         self._log.line(now_s, f"beacons that arrive: {each}")
 
