@@ -25,7 +25,10 @@ class OrderDesk(Protocol):
     """The orders of one endpoint."""
 
     operator: OperatorOrders  # of its agent
-    refused: Counter[str]  # orders that came, by reason
+
+    @property
+    def refused(self) -> Counter[str]:
+        """Orders that came, by the reason why they are not obeyed."""
 
     def receive(self, frame: bytes, now_s: float, *, is_proven: bool) -> bool:
         """A whole frame of the peers' link; False: it is no order. `is_proven`: the link's MAC holds for it."""
@@ -51,7 +54,12 @@ class UnsignedOrders:
 
     def __init__(self) -> None:
         self.operator: OperatorOrders = FloodedOrders()
-        self.refused: Counter[str] = Counter()
+        self._refused: Counter[str] = Counter()
+
+    @property
+    def refused(self) -> Counter[str]:
+        """None."""
+        return self._refused
 
     def receive(self, frame: bytes, now_s: float, *, is_proven: bool) -> bool:  # noqa: ARG002
         """None is taken: whose key could it bear?"""
@@ -86,9 +94,13 @@ class SignedOrders:
 
     def __init__(self, book: OrderBook) -> None:
         self.operator = OperatorOrders()
-        self.refused = book.refused
         self._book = book
         self._says: list[Say] = []
+
+    @property
+    def refused(self) -> Counter[str]:
+        """The book's."""
+        return self._book.refused
 
     def receive(self, frame: bytes, now_s: float, *, is_proven: bool) -> bool:
         """To the book."""
