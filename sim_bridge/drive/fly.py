@@ -252,8 +252,7 @@ def fly(
     in place of ours; ValueError unless `in_process`, as a companion that is a process is a board's. LawError: its law.
     `watch` is called after every tick: a test or a benchmark may interfere there. `programs`: what to start as
     `companion` for a vehicle, where it is not this installation's. `live`: where it is watched; the pace is its own
-    then. KeyboardInterrupt ends the flight, not the report. Raises AirframeError without jsbsim, MissionError for a
-    stem map that is not in `folder`. `keys`: frames of the radio are signed with them.
+    then. KeyboardInterrupt ends the flight. `keys` sign the radio. AirframeError: no jsbsim; MissionError: no stem map.
     """
     if folder is not None:
         (folder / MISSION_NAME).write_text(dump_mission(mission), encoding="utf-8")
