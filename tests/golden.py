@@ -23,6 +23,8 @@ the difference before you keep it.
 | `down 1` | it touches the ground |
 | `unlink 1`, `link 1` | autopilot and companion do not hear each other; do |
 | `fix 1 off` | its receiver has no fix, and positions go on (`on`: it has one again) |
+| `displace 1 0 6`, `freeze 1 on` | its position is so far off, north and east; stays as it is (`off`: goes on) |
+| `astray 1` | its fix would be found to be led astray, if trunks told its way |
 | `heartbeat 1 off`, `position 1 off`, `late 1 1.5` | no mode, no position told (`on`: again); told late, by s |
 | `unsure 1 2` | its filter, if it flew by ranges, would be too unsure where that vehicle is (0: of none) |
 | `placeless 1 on` | it may be off by more than the budget, if it flew by ranges (`off`: not any more) |
@@ -43,6 +45,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.core.agent import Agent
+from companion.core.localisation.integrity.fix_monitor import Parted
 from companion.core.model.actions import Say, VelocitySetpoint
 from companion.core.model.states import FlightMode, Order, Result, Role
 from companion.core.model.vectors import norm
@@ -279,6 +282,20 @@ class Player:
 
     def do_fix(self, vehicle: str, on: str) -> None:
         self.one(vehicle).has_fix = on == "on"
+
+    def do_displace(self, vehicle: str, north_m: str, east_m: str) -> None:
+        self.one(vehicle).off_ned_m = (float(north_m), float(east_m), 0.0)
+
+    def do_freeze(self, vehicle: str, on: str) -> None:
+        one = self.one(vehicle)
+        one.frozen_ned_m = one.told_ned_m if on == "on" else None
+
+    def do_astray(self, vehicle: str) -> None:
+        own = self.one(vehicle).agent.flight.vehicle.position
+        assert own is not None
+        led = (own.pos_ned_m[0], own.pos_ned_m[1])
+        now_s = self._fleet.now_s
+        self.one(vehicle).agent.own_position._begin_reckoning(own, Parted(now_s - 5.0, led, 0.0), now_s)
 
     def do_sensor(self, vehicle: str, on: str) -> None:
         self.one(vehicle).sees = on == "on"

@@ -9,10 +9,12 @@ from __future__ import annotations
 from typing import Final
 
 from companion.core.guidance.guidance_input import Desired, GuidanceInput
+from companion.core.localisation.integrity.own_position import OwnPosition
 from companion.core.localisation.makes import build_localiser
 from companion.core.model.actions import Action, Say, SendBeacon, SendOdometry, VelocitySetpoint, brief
 from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import Event, HeardBeacon, OperatorOrder, Position, Ranges, Satellites, Scan
+from companion.core.model.stand import StandMeasured
 from companion.core.model.states import NOT_YET_FLYING, FlightState, Order, Role, Severity, SwarmPhase
 from companion.core.model.vectors import ZERO, add
 from companion.core.perception.obstacle_cloud import find_hovering
@@ -57,6 +59,7 @@ class Agent:
         self.swarm = Swarm(mission, vehicle_id, operator or FloodedOrders())
         self.movement = stages.build_guidance(mission, vehicle_id)
         self.perception = build_perception(mission, vehicle_id)
+        self.own_position = OwnPosition(self.localiser, self.perception)
         self.sensors = ObstacleSensorMonitor(self.perception.stale_s)
         self.disturbances = build_disturbance_observer(mission)
         self.safety_filter = stages.build_safety_filter(mission)
@@ -89,10 +92,12 @@ class Agent:
                 self._receive_beacon(event, now_s)
             case OperatorOrder():
                 self._obey(event)
+            case StandMeasured():
+                self.swarm.phases.note_stand(event.basal_area_pct)
             case Position():
-                seen = self.perception.correct_odometry(event, now_s, reckons=self.localiser.is_fix_lost)
-                airborne = self.flight.vehicle.airborne
-                self.flight.receive(self.localiser.receive_position(seen, now_s, airborne=airborne), now_s)
+                airborne, commanded = self.flight.vehicle.airborne, self.setpoint.vel_ned_mps
+                flown = self.own_position.receive(event, now_s, airborne=airborne, commanded_ned_mps=commanded)
+                self.flight.receive(flown, now_s)
             case Satellites():
                 self.localiser.receive_satellites(event, now_s)
             case Ranges() | RelativeReport():
@@ -102,7 +107,7 @@ class Agent:
                 own = self.flight.vehicle.position
                 if own is not None:
                     neighbours = [n.rel_ned_m for n in self.localiser.neighbours]
-                    self.perception.integrate_scan(event, self._true(own), now_s, neighbours)
+                    self.perception.integrate_scan(event, self.own_position.find_motion(own), now_s, neighbours)
             case _:
                 self.flight.receive(event, now_s)
 
@@ -136,8 +141,6 @@ class Agent:
             self._command_zero_velocity()
         return actions
 
-    # --- the four stages ---
-
     def observe(self, now_s: float) -> Picture:
         """Bring all that is known up to now."""
         flight, localiser = self.flight, self.localiser
@@ -152,14 +155,17 @@ class Agent:
         localiser.update_position_quality(now_s, role=self.swarm.election.role)
         return Picture(
             now_s=now_s,
-            own=None if reported is None else self._true(reported),
+            own=None if reported is None else self.own_position.find_motion(reported),
             state=flight.state,
             airborne=vehicle.airborne,
             can_lead=flight.can_lead,
             settled=flight.settled,
             listens_s=flight.listens_s(now_s),
             battery_percent=vehicle.battery_percent,
-            lacks=vehicle.findings(now_s, gnss_lost_s=localiser.gnss_lost_s(now_s)),
+            lacks=[
+                *vehicle.findings(now_s, gnss_lost_s=localiser.gnss_lost_s(now_s)),
+                *self.own_position.findings(now_s, airborne=vehicle.airborne),
+            ],
             neighbours=localiser.neighbours,
             silent=localiser.silent,
             misses=localiser.misses,
@@ -191,11 +197,10 @@ class Agent:
             swarm.find_route(picture)
             early = True  # one more beacon a period at most: so news of a leader does not wait at every hop
         self._sent_early = early or (self._sent_early and not due)
-        lease, phase = swarm.election.lease, swarm.phases.phase
+        lease, phase, lands = swarm.election.lease, swarm.phases.phase, swarm.lands(now_s)
         leader = lease.leader if lease is not None and lease.established else 0
         gathers = phase is SwarmPhase.GATHER and not swarm.phases.overdue(now_s)
         uncertain = picture.find_uncertain_peer(self.id, leader, gathers=gathers)
-        lands = swarm.lands(now_s)
         findings = [*picture.lacks, *failsafe_engine.detect(Source.LOCALISATION, Readings(unsure_of=uncertain))]
         has_room = lands and self._landing_room.is_clear(
             picture.neighbours, picture.silent, self.perception.nearest_m(picture.own), now_s
@@ -272,12 +277,11 @@ class Agent:
             setpoint_ned_mps=self.setpoint.vel_ned_mps,
         )
 
-    # --- what comes in ---
-
     def _receive_beacon(self, heard: HeardBeacon, now_s: float) -> None:
         own, sender = self.flight.vehicle.position, heard.said.sender
         if own is None or sender == self.id or not self.swarm.has(sender):
             return
+        heard = self.own_position.locate_sender(heard)
         said = self.swarm.sanitise_beacon(heard.said, now_s)
         if said is not heard.said:
             heard = HeardBeacon(said, heard.rel_ned_m)
@@ -304,11 +308,6 @@ class Agent:
         self.disturbances.reset()
         self.setpoint = AT_REST
 
-    def _true(self, reported: Position) -> Position:
-        """The reported position, with what is believed of the own velocity."""
-        bias = self.perception.velocity_bias(self.localiser.velocity_bias_ned_mps)
-        return Position(reported.pos_ned_m, add(reported.vel_ned_mps, bias))
-
     def _broadcast(self, picture: Picture, own: Position, orders: Orders) -> SendBeacon:
         beacon = self.swarm.make_beacon(
             orders.lease,
@@ -321,11 +320,12 @@ class Agent:
             range_m=orders.radio_range_m,
             sighting=self.localiser.select_report(own.pos_ned_m, picture.now_s),
             echo=self.localiser.ages.make_echo(picture.now_s),
-            position_error_m=self.localiser.position_error_m(picture.now_s) if picture.airborne else 0.0,
+            position_error_m=self.own_position.error_m(picture.now_s) if picture.airborne else 0.0,
         )
-        return self.localiser.make_broadcast(
+        sent = self.localiser.make_broadcast(
             beacon, own.pos_ned_m, picture.now_s, leader=orders.leader, role=orders.role
         )
+        return self.own_position.correct_broadcast(sent)
 
     def _compute_setpoint(self, picture: Picture, orders: Orders) -> VelocitySetpoint:
         if orders.state is FlightState.TAKING_OFF:  # on the ground nothing may move it
@@ -333,7 +333,7 @@ class Agent:
         if orders.rests:
             self._command_zero_velocity()  # from an old position, or blind, nothing can be kept clear of: brake
             own = picture.own if failsafe_engine.knows_position(picture.lacks) else None
-            bias = self.localiser.velocity_bias_ned_mps  # not by scans, which are late, or none
+            bias = self.own_position.rest_bias_ned_mps  # not by scans, which are late, or none
             return VelocitySetpoint(self._rest.hold(own, bias, picture.now_s), self.movement.yaw_rad)
         around = self._observe_surroundings(picture)
         desired = self.guide(self._brief(picture, orders, around))
@@ -344,7 +344,7 @@ class Agent:
         """The surroundings of a vehicle that is steered: once a tick, as wind is estimated from one to the next."""
         reported = self.flight.vehicle.position
         assert reported is not None
-        own, bias = self._true(reported), self.perception.setpoint_bias(self.localiser.velocity_bias_ned_mps)
+        own, bias = self.own_position.find_motion(reported), self.own_position.setpoint_bias_ned_mps
         off_ned_m, commanded = self.localiser.offset_ned_m, self.setpoint.vel_ned_mps
         disturbance = self.disturbances.observe_disturbance(
             own, add(commanded, bias), TICK_S, self.flight.vehicle.shaping

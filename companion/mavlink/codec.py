@@ -292,19 +292,21 @@ class Codec:
 
     # --- between companions ---
 
-    def encode_beacon(self, beacon: Beacon, pos_ned_m: Vec3 | None = None) -> bytes | None:
+    def encode_beacon(self, beacon: Beacon, pos_ned_m: Vec3 | None = None, off_ned_m: Vec3 = ZERO) -> bytes | None:
         """SWARM_BEACON's payload, with the vehicle's own position; None while that is not known.
 
         `pos_ned_m`: in a GNSS-denied swarm, broadcast instead; None: only the height is.
+        `off_ned_m`: position flown by less the one that the autopilot has reported.
         """
         if self._pos_ned_m is None:
             return None
+        own_ned_m = self._pos_ned_m if off_ned_m == ZERO else add(self._pos_ned_m, off_ned_m)
         if not self._broadcasts_position:
-            there = self._frame.to_wgs84(pos_ned_m or (0.0, 0.0, self._pos_ned_m[2]))
+            there = self._frame.to_wgs84(pos_ned_m or (0.0, 0.0, own_ned_m[2]))
             if pos_ned_m is None:
                 there = Wgs84(NOWHERE_DEG, NOWHERE_DEG, there.alt_m)
             return swarm_beacon.encode(beacon, there)
-        return swarm_beacon.encode(beacon, self._frame.to_wgs84(self._pos_ned_m))
+        return swarm_beacon.encode(beacon, self._frame.to_wgs84(own_ned_m))
 
     def beacon(self, decoded: Decoded) -> HeardBeacon | None:
         """A neighbour's SWARM_BEACON; None while the vehicle's own position is not known."""

@@ -3551,30 +3551,31 @@ class MAVLink_swarm_ranges_message(MAVLink_message):
 
     id = MAVLINK_MSG_ID_SWARM_RANGES
     msgname = "SWARM_RANGES"
-    fieldnames = ["ranges"]
-    ordered_fieldnames = ["ranges"]
-    fieldtypes = ["uint8_t"]
+    fieldnames = ["time_boot_ms", "ranges"]
+    ordered_fieldnames = ["time_boot_ms", "ranges"]
+    fieldtypes = ["uint32_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
     fieldenums_by_name: Dict[str, str] = {}
-    fieldunits_by_name: Dict[str, str] = {}
-    native_format = bytearray(b"<B")
-    orders = [0]
-    lengths = [128]
-    array_lengths = [128]
-    crc_extra = 69
-    unpacker = struct.Struct("<128B")
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms"}
+    native_format = bytearray(b"<IB")
+    orders = [0, 1]
+    lengths = [1, 128]
+    array_lengths = [0, 128]
+    crc_extra = 240
+    unpacker = struct.Struct("<I128B")
     instance_field = None
     instance_offset = -1
 
-    def __init__(self, ranges: Sequence[int]):
+    def __init__(self, time_boot_ms: int, ranges: Sequence[int]):
         MAVLink_message.__init__(self, MAVLink_swarm_ranges_message.id, MAVLink_swarm_ranges_message.msgname)
         self._fieldnames = MAVLink_swarm_ranges_message.fieldnames
         self._instance_field = MAVLink_swarm_ranges_message.instance_field
         self._instance_offset = MAVLink_swarm_ranges_message.instance_offset
+        self.time_boot_ms = time_boot_ms
         self.ranges = ranges
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.ranges[0], self.ranges[1], self.ranges[2], self.ranges[3], self.ranges[4], self.ranges[5], self.ranges[6], self.ranges[7], self.ranges[8], self.ranges[9], self.ranges[10], self.ranges[11], self.ranges[12], self.ranges[13], self.ranges[14], self.ranges[15], self.ranges[16], self.ranges[17], self.ranges[18], self.ranges[19], self.ranges[20], self.ranges[21], self.ranges[22], self.ranges[23], self.ranges[24], self.ranges[25], self.ranges[26], self.ranges[27], self.ranges[28], self.ranges[29], self.ranges[30], self.ranges[31], self.ranges[32], self.ranges[33], self.ranges[34], self.ranges[35], self.ranges[36], self.ranges[37], self.ranges[38], self.ranges[39], self.ranges[40], self.ranges[41], self.ranges[42], self.ranges[43], self.ranges[44], self.ranges[45], self.ranges[46], self.ranges[47], self.ranges[48], self.ranges[49], self.ranges[50], self.ranges[51], self.ranges[52], self.ranges[53], self.ranges[54], self.ranges[55], self.ranges[56], self.ranges[57], self.ranges[58], self.ranges[59], self.ranges[60], self.ranges[61], self.ranges[62], self.ranges[63], self.ranges[64], self.ranges[65], self.ranges[66], self.ranges[67], self.ranges[68], self.ranges[69], self.ranges[70], self.ranges[71], self.ranges[72], self.ranges[73], self.ranges[74], self.ranges[75], self.ranges[76], self.ranges[77], self.ranges[78], self.ranges[79], self.ranges[80], self.ranges[81], self.ranges[82], self.ranges[83], self.ranges[84], self.ranges[85], self.ranges[86], self.ranges[87], self.ranges[88], self.ranges[89], self.ranges[90], self.ranges[91], self.ranges[92], self.ranges[93], self.ranges[94], self.ranges[95], self.ranges[96], self.ranges[97], self.ranges[98], self.ranges[99], self.ranges[100], self.ranges[101], self.ranges[102], self.ranges[103], self.ranges[104], self.ranges[105], self.ranges[106], self.ranges[107], self.ranges[108], self.ranges[109], self.ranges[110], self.ranges[111], self.ranges[112], self.ranges[113], self.ranges[114], self.ranges[115], self.ranges[116], self.ranges[117], self.ranges[118], self.ranges[119], self.ranges[120], self.ranges[121], self.ranges[122], self.ranges[123], self.ranges[124], self.ranges[125], self.ranges[126], self.ranges[127]), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.ranges[0], self.ranges[1], self.ranges[2], self.ranges[3], self.ranges[4], self.ranges[5], self.ranges[6], self.ranges[7], self.ranges[8], self.ranges[9], self.ranges[10], self.ranges[11], self.ranges[12], self.ranges[13], self.ranges[14], self.ranges[15], self.ranges[16], self.ranges[17], self.ranges[18], self.ranges[19], self.ranges[20], self.ranges[21], self.ranges[22], self.ranges[23], self.ranges[24], self.ranges[25], self.ranges[26], self.ranges[27], self.ranges[28], self.ranges[29], self.ranges[30], self.ranges[31], self.ranges[32], self.ranges[33], self.ranges[34], self.ranges[35], self.ranges[36], self.ranges[37], self.ranges[38], self.ranges[39], self.ranges[40], self.ranges[41], self.ranges[42], self.ranges[43], self.ranges[44], self.ranges[45], self.ranges[46], self.ranges[47], self.ranges[48], self.ranges[49], self.ranges[50], self.ranges[51], self.ranges[52], self.ranges[53], self.ranges[54], self.ranges[55], self.ranges[56], self.ranges[57], self.ranges[58], self.ranges[59], self.ranges[60], self.ranges[61], self.ranges[62], self.ranges[63], self.ranges[64], self.ranges[65], self.ranges[66], self.ranges[67], self.ranges[68], self.ranges[69], self.ranges[70], self.ranges[71], self.ranges[72], self.ranges[73], self.ranges[74], self.ranges[75], self.ranges[76], self.ranges[77], self.ranges[78], self.ranges[79], self.ranges[80], self.ranges[81], self.ranges[82], self.ranges[83], self.ranges[84], self.ranges[85], self.ranges[86], self.ranges[87], self.ranges[88], self.ranges[89], self.ranges[90], self.ranges[91], self.ranges[92], self.ranges[93], self.ranges[94], self.ranges[95], self.ranges[96], self.ranges[97], self.ranges[98], self.ranges[99], self.ranges[100], self.ranges[101], self.ranges[102], self.ranges[103], self.ranges[104], self.ranges[105], self.ranges[106], self.ranges[107], self.ranges[108], self.ranges[109], self.ranges[110], self.ranges[111], self.ranges[112], self.ranges[113], self.ranges[114], self.ranges[115], self.ranges[116], self.ranges[117], self.ranges[118], self.ranges[119], self.ranges[120], self.ranges[121], self.ranges[122], self.ranges[123], self.ranges[124], self.ranges[125], self.ranges[126], self.ranges[127]), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -6097,7 +6098,7 @@ class MAVLink(object):
         """
         self.send(self.swarm_beacon_encode(time_boot_ms, lat, lon, alt, vx, vy, vz, ref_vx, ref_vy, ref_vz, dest_x, dest_y, dest_z, route_cost, governor, leader_seq, leader_ends, seen_x, seen_y, seen_z, range_dm, seen_age, echo_time, echo_hold, leader, leader_priority, leader_score, heir, hop, candidate, candidate_priority, candidate_score, parent, phase, flags, flight_state, seen, echo, version, members, position_error), force_mavlink1=force_mavlink1)
 
-    def swarm_ranges_encode(self, ranges: Sequence[int]) -> MAVLink_swarm_ranges_message:
+    def swarm_ranges_encode(self, time_boot_ms: int, ranges: Sequence[int]) -> MAVLink_swarm_ranges_message:
         """
         Distances to other vehicles that this vehicle's range radio has
         measured, from its driver to its companion: at most 32, as
@@ -6105,12 +6106,13 @@ class MAVLink(object):
         to other vehicles: DISTANCE_SENSOR looks along an orientation,
         LANDING_TARGET is of a place to land.
 
+        time_boot_ms              : When this was sent, by the driver's own clock since it began; 0: it has none. By it frames that are sent again, or were held back, are told from new ones. [ms] (type:uint32_t)
         ranges                    : Groups of four bytes: system id of the other vehicle (0: none); the distance in centimetres, low byte first; how long ago it was measured, in 10 ms. (type:uint8_t)
 
         """
-        return MAVLink_swarm_ranges_message(ranges)
+        return MAVLink_swarm_ranges_message(time_boot_ms, ranges)
 
-    def swarm_ranges_send(self, ranges: Sequence[int], force_mavlink1: bool = False) -> None:
+    def swarm_ranges_send(self, time_boot_ms: int, ranges: Sequence[int], force_mavlink1: bool = False) -> None:
         """
         Distances to other vehicles that this vehicle's range radio has
         measured, from its driver to its companion: at most 32, as
@@ -6118,10 +6120,11 @@ class MAVLink(object):
         to other vehicles: DISTANCE_SENSOR looks along an orientation,
         LANDING_TARGET is of a place to land.
 
+        time_boot_ms              : When this was sent, by the driver's own clock since it began; 0: it has none. By it frames that are sent again, or were held back, are told from new ones. [ms] (type:uint32_t)
         ranges                    : Groups of four bytes: system id of the other vehicle (0: none); the distance in centimetres, low byte first; how long ago it was measured, in 10 ms. (type:uint8_t)
 
         """
-        self.send(self.swarm_ranges_encode(ranges), force_mavlink1=force_mavlink1)
+        self.send(self.swarm_ranges_encode(time_boot_ms, ranges), force_mavlink1=force_mavlink1)
 
     def swarm_relative_encode(self, time_boot_ms: int, odo_n: float, odo_e: float, leader_n: float, leader_e: float, leader_sd: float, place_sd: int, ranges: Sequence[int]) -> MAVLink_swarm_relative_message:
         """
@@ -6246,7 +6249,7 @@ class MAVLink(object):
         log_id                    : Drawn when the writer's log was begun. (type:uint32_t)
         log_number                : In that log: 1, 2, 3 and so on. (type:uint32_t)
         log_writer                : System id of the vehicle that made it. (type:uint8_t)
-        record_kind               : 1: a stem. 2: the area seen. 3: of another sensor. (type:uint8_t)
+        record_kind               : 1: stem. 2: area seen. 3: of another sensor. 4: stand in figures. (type:uint8_t)
         body_size                 : Of the body. [bytes] (type:uint8_t)
         record_body               : As its kind says, in CBOR (RFC 8949). (type:uint8_t)
 
@@ -6264,7 +6267,7 @@ class MAVLink(object):
         log_id                    : Drawn when the writer's log was begun. (type:uint32_t)
         log_number                : In that log: 1, 2, 3 and so on. (type:uint32_t)
         log_writer                : System id of the vehicle that made it. (type:uint8_t)
-        record_kind               : 1: a stem. 2: the area seen. 3: of another sensor. (type:uint8_t)
+        record_kind               : 1: stem. 2: area seen. 3: of another sensor. 4: stand in figures. (type:uint8_t)
         body_size                 : Of the body. [bytes] (type:uint8_t)
         record_body               : As its kind says, in CBOR (RFC 8949). (type:uint8_t)
 

@@ -16,7 +16,8 @@ from companion.core.agent import Agent
 from companion.core.model.actions import Action, Ask, Say, SendBeacon, SendOdometry, VelocitySetpoint
 from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import Answer, AutopilotMode, Event, LidarScan
-from companion.core.model.states import Severity
+from companion.core.model.stand import StandMeasured
+from companion.core.model.states import Role, Severity
 from companion.core.stages import FLIGHT_STAGES, StageFactory
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
@@ -214,6 +215,10 @@ class Endpoint:
             self._versions_told.add(sender)
             self._to_say.append(_other_version(sender, version))
 
+    def report_surroundings(self, say: Say) -> None:
+        """A word for the operator of what is around this companion, its links: told with the next tick."""
+        self._to_say.append(say)
+
     def _decoder_table(self) -> dict[int, Callable[[Any], Event | None]]:
         """The own autopilot's messages by id -> what makes an event of the core of each."""
         return {
@@ -312,6 +317,11 @@ class Endpoint:
                 self.records.append(kind, body, now_s)
         if survey is not None:
             self._to_say += survey.take_says()
+        if self.records is not None:
+            update = self.records.take_stand(leads=self.agent.swarm.election.role is Role.LEADER, now_s=now_s)
+            if update is not None:
+                self.agent.receive(StandMeasured(update.basal_area_pct), now_s)
+                self._to_say += [Say(Severity.INFO, f"stand: {update.text}")] if update.text else []
 
     def hello(self) -> bytes:
         """A HEARTBEAT to send before the first tick, so that the other end learns this companion's address."""
@@ -325,7 +335,7 @@ class Endpoint:
                 setpoint = self.codec.setpoint(action.vel_ned_mps, action.yaw_rad, int(now_s * 1e3) & 0xFFFFFFFF)
                 to_autopilot.append(self._to_autopilot.frame(SETPOINT, setpoint))
             case SendBeacon():
-                payload = self.codec.encode_beacon(action.beacon, action.pos_ned_m)
+                payload = self.codec.encode_beacon(action.beacon, action.pos_ned_m, action.off_ned_m)
                 if payload is not None:
                     to_peers += self.peers.send_beacon(action.beacon, payload, action.word, now_s)
             case Ask(request, altitude_m):

@@ -6,11 +6,13 @@ from typing import Any, Self
 
 from companion.core.localisation.gnss_denied.own_ranges import MEASURED_S
 from companion.core.model.events import Event, Ranges
+from companion.core.vehicle.autopilot_state import Delay
 from companion.mavlink import dialect
 from companion.mavlink.packing import unpack_ranges
-from companion.mavlink.sensor_source import Finding, SensorSource, SensorTally
+from companion.mavlink.sensor_source import COMPONENTS_MAX, Finding, SensorSource, SensorTally
 from mission.document.model import Mission
 
+PUNCTUAL_S = 0.05  # a tick: so much later is none, and ages stay to the bit
 NAMED_MAX = 16  # vehicles
 GAP_MAX_S = 2.0  # twice what the slowest radio takes (ranging.rate_hz)
 
@@ -41,12 +43,42 @@ class RangeRadio(SensorSource):
         """One vehicle's."""
         return cls(MEASURED_S)
 
+    def __init__(self, fresh_s: float) -> None:
+        super().__init__(fresh_s)
+        self._delays: dict[int, Delay] = {}  # by component
+        self._untimely = 0
+
     def decode(self, m: Any, component: int, now_s: float) -> Event | None:
-        """SWARM_RANGES, told at once."""
+        """SWARM_RANGES, told at once, as much older as it came later than the quickest of its driver's.
+
+        None: by its driver's clock it is an old one that is sent again, or one from ahead.
+        """
+        late_s = self._lateness_s(component, m.time_boot_ms, now_s)
+        if late_s is None:
+            self._untimely += 1
+            return None
         ranges = unpack_ranges(m.ranges)
         if ranges:
-            self.mark_measured(component, now_s)
+            self.mark_measured(component, now_s - late_s)
+        if late_s > 0.0:
+            ranges = tuple([(vehicle, metres, age_s + late_s) for vehicle, metres, age_s in ranges])
         return Ranges(ranges)
+
+    def _lateness_s(self, component: int, time_boot_ms: int, now_s: float) -> float | None:
+        if time_boot_ms == 0:
+            return 0.0
+        delay = self._delays.get(component)
+        if delay is None:
+            if len(self._delays) >= COMPONENTS_MAX:
+                return None
+            delay = self._delays[component] = Delay()
+        if not delay.accept_time(time_boot_ms / 1e3, now_s):
+            return None
+        return delay.late_s if delay.late_s > PUNCTUAL_S else 0.0
+
+    def counters(self) -> dict[str, int]:
+        """Frames whose time does not go on from the one before."""
+        return {"range frames out of their time": self._untimely}
 
     @classmethod
     def tally(cls, began_s: float) -> RangeTally:

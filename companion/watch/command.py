@@ -20,9 +20,9 @@ from companion.watch.heard import Heard
 from companion.watch.server import Stream, WatchServer
 from companion.watch.udp_receiver import UdpReceiver
 from mission import __version__
-from mission.common import own_addresses
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
 from mission.common.frames import LocalFrame, enu_to_ned
+from mission.common.network import own_addresses
 from mission.common.problems import MissionError
 from mission.common.signals import Stop
 from mission.document.load import load_mission
@@ -91,9 +91,11 @@ def about(mission: Mission | None, chart: Chart | None) -> dict[str, Any]:
 
 
 def view(heard: Heard, mission: Mission | None, now_s: float) -> dict[str, Any]:
-    """Changing data of the page: the picture, and its alarms."""
+    """Changing data of the page: the picture, how far the records are, and alarms."""
     picture = heard.picture(now_s)
-    return {**asdict(picture), "alarms": [asdict(alarm) for alarm in alarms(picture, mission)]}
+    leader = next((one.leader for one in picture.vehicles if one.acting and one.quorum), 0)
+    told = {"harvest": heard.harvest.text(leader), "alarms": [asdict(alarm) for alarm in alarms(picture, mission)]}
+    return {**asdict(picture), **told}
 
 
 def _listen(

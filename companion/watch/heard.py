@@ -19,6 +19,8 @@ from companion.mavlink.framing.frames import source
 from companion.mavlink.framing.signing import Gate
 from companion.mavlink.own_messages import decode_beacon, here_of
 from companion.mavlink.relative import read_relative_report
+from companion.records.frames import is_record_frame
+from companion.watch.harvest_heard import HarvestHeard
 from mission.common.frames import LocalFrame, Wgs84
 
 FRESH_S: Final = 2.0  # twenty beacons: what is older is shown as last heard
@@ -140,6 +142,7 @@ class Heard:
         self._told: dict[int, tuple[Told, float]] = {}
         self._other_versions: set[int] = set()
         self._gate = Gate(takes_signed=True)
+        self.harvest: Final = HarvestHeard()
         self._refused = 0
         self._heard_s: float | None = None
         self._agreed_s = 0.0
@@ -164,9 +167,11 @@ class Heard:
                 self._keep_beacon(said, here_of(fields), now_s)
 
     def _beside(self, reports: list[RelativeReport]) -> Callable[[bytes], bool]:
-        """Collects the relative reports among the frames of a datagram."""
+        """Collects the relative reports among the frames of a datagram, and takes what is of records."""
 
         def collect_report(frame: bytes) -> bool:
+            if is_record_frame(frame):
+                return self._gate.admits(frame) and self.harvest.take_frame(frame)
             report = read_relative_report(frame)
             if report is None:
                 return False

@@ -65,8 +65,13 @@ PARAMETERS: Final = {  # their names are the keys of [[sim.faults]]
     "late_s": Parameter(0.0, 10.0, "Of `late`: the delay.", above=True),
     "wind_mps": Parameter(-30.0, 30.0, "Of `wind`: east, north, where the air moves to.", level=True),
     "drift_mps": Parameter(
-        -5.0, 5.0, "Of `gnss-drift`: east, north, how fast the position reported leaves the true one.", level=True
+        -5.0,
+        5.0,
+        "Of `gnss-drift` and `position-drift`: east, north, how fast the position reported leaves the true one.",
+        level=True,
     ),
+    "jump_m": Parameter(-50.0, 50.0, "Of `position-jump`: east, north, how far the position jumps.", level=True),
+    "height_m": Parameter(-50.0, 50.0, "Of `height-error`: by how much the height reported is too large."),
     "bias_m": Parameter(-5.0, 5.0, "Of `range-errors`: by how much ranges are too long."),
     "noise_m": Parameter(
         0.0, 5.0, "Of `scan-errors` and `range-errors`: standard deviation of a noise besides the usual."
@@ -101,6 +106,25 @@ FORMS: Final = {
         needs=Needs.SATELLITES,
         of_vehicle=True,
     ),
+    FaultKind.POSITION_JUMP: FaultForm(
+        "the position reported, and flown by, is off by jump_m at once; when it is over it jumps back",
+        ("jump_m",),
+        of_vehicle=True,
+    ),
+    FaultKind.POSITION_FREEZE: FaultForm(
+        "the position reported, and flown by, stays as it was, to the bit; velocities are right", of_vehicle=True
+    ),
+    FaultKind.POSITION_DRIFT: FaultForm(
+        "the position reported, and flown by, departs from the true one with drift_mps, and velocities are right; when "
+        "it is over it jumps back",
+        ("drift_mps",),
+        of_vehicle=True,
+    ),
+    FaultKind.HEIGHT_ERROR: FaultForm(
+        "the height reported, and flown by, is height_m too large at once; when it is over it jumps back",
+        ("height_m",),
+        of_vehicle=True,
+    ),
     FaultKind.MOTOR: FaultForm(
         "one motor fails for good, and the vehicle comes down where it is", lasts=Lasts.NEVER, of_vehicle=True
     ),
@@ -126,5 +150,10 @@ FORMS: Final = {
         " companion flies on as before",
         of_vehicle=True,
         lies=True,
+    ),
+    FaultKind.OUTSIDER: FaultForm(
+        "a radio without keys, beside the first of these vehicles, sends frames that it has heard again, changed, or"
+        " made up in others' names; nothing but signed frames (`--signed`) stands against it",
+        of_vehicle=True,
     ),
 }

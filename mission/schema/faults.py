@@ -38,6 +38,7 @@ def _named(lasts: Lasts) -> str:
 
 WindComponent = Annotated[Number, _bounded("wind_mps")]
 DriftComponent = Annotated[Number, _bounded("drift_mps")]
+JumpComponent = Annotated[Number, _bounded("jump_m")]
 
 
 class Fault(Table):
@@ -76,6 +77,8 @@ class Fault(Table):
     late_s: Annotated[Annotated[Number, _bounded("late_s")] | None, _describe_parameter("late_s")] = None
     wind_mps: Annotated[tuple[WindComponent, WindComponent] | None, _describe_parameter("wind_mps")] = None
     drift_mps: Annotated[tuple[DriftComponent, DriftComponent] | None, _describe_parameter("drift_mps")] = None
+    jump_m: Annotated[tuple[JumpComponent, JumpComponent] | None, _describe_parameter("jump_m")] = None
+    height_m: Annotated[Annotated[Number, _bounded("height_m")] | None, _describe_parameter("height_m")] = None
     bias_m: Annotated[Annotated[Number, _bounded("bias_m")] | None, _describe_parameter("bias_m")] = None
     noise_m: Annotated[Annotated[Number, _bounded("noise_m")] | None, _describe_parameter("noise_m")] = None
     delay_s: Annotated[Annotated[Number, _bounded("delay_s")] | None, _describe_parameter("delay_s")] = None

@@ -35,12 +35,17 @@ class FaultKind(StrEnum):
     WIND = "wind"  # the air about these vehicles moves otherwise than sim.wind_mps says
     GNSS_OUTAGE = "gnss-outage"  # the receiver has no fix
     GNSS_DRIFT = "gnss-drift"  # the receiver is led astray, slowly: spoofed, or drifting
+    POSITION_JUMP = "position-jump"  # the position reported is elsewhere at once
+    POSITION_FREEZE = "position-freeze"  # it stays where it was, whatever the velocity says
+    POSITION_DRIFT = "position-drift"  # it leaves the true one, while the velocity is right
+    HEIGHT_ERROR = "height-error"  # the height reported is wrong at once
     MOTOR = "motor"  # one motor fails for good
     SCAN_ERRORS = "scan-errors"  # scans of the obstacle sensor are noisier, and later
     RANGE_ERRORS = "range-errors"  # ranges of the radio are off, and noisier
     PILOT = "pilot"  # a pilot takes the vehicle over, and keeps it
     DISK_FULL = "disk-full"  # the companion's computer can write nothing more
     INSIDER = "insider"  # a member with all its own keys says in its own beacons what is not so
+    OUTSIDER = "outsider"  # a radio without keys repeats, changes and makes up frames
 
 
 class Lie(StrEnum):

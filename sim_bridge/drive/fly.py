@@ -158,7 +158,7 @@ class Flight:
     def status(self, real_time_factor: float) -> Status:
         """A glance at the swarm."""
         status = self.observer.status(self.last, real_time_factor)
-        return status if self.harvest is None else replace(status, records=str(self.harvest.base.progress))
+        return status if self.harvest is None else replace(status, records=self.harvest.base.text)
 
     def intervene(self, fault: Mapping[str, Any]) -> None:
         """Let a fault begin with the next tick; `fault`: as in [[sim.faults]], without a time.
@@ -203,7 +203,7 @@ class Flight:
         self.events.extend((now_s, event.ends()) for event in ended)
         self.lockstep.stopped, self.lockstep.late_s = self.faults.stopped, self.faults.late_s
         self.lockstep.blind = self.faults.blind
-        self.lockstep.insiders.set_lies(self.faults.lies)
+        self.lockstep.set_attackers(self.faults.lies, self.faults.in_force(FaultKind.OUTSIDER))
         for kind in {event.kind: None for event in (*began, *ended)}:
             strike(self.world, kind, self.faults.in_force(kind))
         self.world.radio.cut_off = self.faults.cut_off
@@ -297,6 +297,7 @@ def fly(
             )
         keyholder = None if keys is None else keys.operator(world)
         flight = Flight(mission, companions, world, folder, live, start, harvest, keyholder)
+        flight.lockstep.insiders.sign_with({} if keys is None else keys.sessions)
         stack.callback(flight.close)
         for error in lost_early:
             flight.lockstep.lost[error.vehicle_id] = error.why

@@ -31,6 +31,16 @@ WORDS: Final = {
         "GNSS of {which} drifts: {drift_mps[0]:g} m/s east, {drift_mps[1]:g} m/s north{lasts}",
         "GNSS of {which} is true again",
     ),
+    FaultKind.POSITION_JUMP: (
+        "position of {which} jumps {jump_m[0]:g} m east, {jump_m[1]:g} m north{lasts}",
+        "position of {which} is true again",
+    ),
+    FaultKind.POSITION_FREEZE: ("position of {which} freezes{lasts}", "position of {which} is true again"),
+    FaultKind.POSITION_DRIFT: (
+        "position of {which} alone drifts: {drift_mps[0]:g} m/s east, {drift_mps[1]:g} m/s north{lasts}",
+        "position of {which} is true again",
+    ),
+    FaultKind.HEIGHT_ERROR: ("height of {which} {height_m:g} m too large{lasts}", "height of {which} is true again"),
     FaultKind.MOTOR: ("a motor of {which} failed", ""),
     FaultKind.SCAN_ERRORS: (
         "scans of {which} with {noise_m:g} m more noise, {delay_s:g} s later{lasts}",
@@ -43,6 +53,7 @@ WORDS: Final = {
     FaultKind.PILOT: ("a pilot takes over {which}", ""),
     FaultKind.DISK_FULL: ("disk of {which} full{lasts}", "disk of {which} has room again"),
     FaultKind.INSIDER: ("beacons of {which} lie: {lie}{lasts}", "beacons of {which} are true again"),
+    FaultKind.OUTSIDER: ("a radio beside {which} forges frames{lasts}", "the radio beside {which} is silent"),
 }
 
 
@@ -59,6 +70,8 @@ class FaultEvent:
     late_s: float | None = None
     wind_mps: tuple[float, float] | None = None  # east, north
     drift_mps: tuple[float, float] | None = None  # east, north
+    jump_m: tuple[float, float] | None = None  # east, north
+    height_m: float | None = None
     bias_m: float | None = None
     noise_m: float | None = None
     delay_s: float | None = None

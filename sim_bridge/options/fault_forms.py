@@ -23,6 +23,18 @@ _ROWS = {
         "2@40:0.3:0",
         "a vehicle's receiver is spoofed: its position leaves the true one to the east and north, m/s",
     ),
+    FaultKind.POSITION_JUMP: (
+        ":EAST:NORTH",
+        "2@40:6:0",
+        "the position that an autopilot reports jumps to the east and north, m",
+    ),
+    FaultKind.POSITION_FREEZE: ("", "2@40:5", "the position that an autopilot reports stays as it was"),
+    FaultKind.POSITION_DRIFT: (
+        ":EAST:NORTH",
+        "2@40:0.3:0",
+        "the position that an autopilot reports leaves the true one, m/s, and its velocity does not show it",
+    ),
+    FaultKind.HEIGHT_ERROR: (":HEIGHT", "2@40:10", "the height that an autopilot reports is too large, m"),
     FaultKind.MOTOR: ("", "2@40", "a motor of a vehicle fails: it comes down"),
     FaultKind.SCAN_ERRORS: (
         ":NOISE:DELAY",
@@ -37,6 +49,7 @@ _ROWS = {
     FaultKind.PILOT: ("", "2@40", "a pilot takes a vehicle over, and keeps it"),
     FaultKind.DISK_FULL: ("", "2@40", "a companion can write nothing more to its disk"),
     FaultKind.INSIDER: (":LIE", "2@transit:push", f"a member's beacons lie: {', '.join(Lie)}"),
+    FaultKind.OUTSIDER: ("", "2@transit", "a radio without keys, beside a vehicle, repeats and forges frames"),
 }
 
 

@@ -39,6 +39,30 @@ def _gnss_drift(world: World, struck: Struck) -> None:
             vehicle.gnss.set_drift(drift_ne_mps)
 
 
+def _position_jump(world: World, struck: Struck) -> None:
+    for k, vehicle in world.vehicles.items():
+        if vehicle.position is not None:
+            vehicle.position.set_jump((struck[k][1], struck[k][0]) if k in struck else (0.0, 0.0))
+
+
+def _position_freeze(world: World, struck: Struck) -> None:
+    for k, vehicle in world.vehicles.items():
+        if vehicle.position is not None:
+            vehicle.position.freeze(k in struck)
+
+
+def _position_drift(world: World, struck: Struck) -> None:
+    for k, vehicle in world.vehicles.items():
+        if vehicle.position is not None:
+            vehicle.position.set_drift((struck[k][1], struck[k][0]) if k in struck else None)
+
+
+def _height_error(world: World, struck: Struck) -> None:
+    for k, vehicle in world.vehicles.items():
+        if vehicle.position is not None:
+            vehicle.position.set_height_error(struck[k][0] if k in struck else 0.0)
+
+
 def _motor(world: World, struck: Struck) -> None:
     for k in struck:
         world.fail_motor(k)
@@ -57,6 +81,10 @@ OF_VEHICLES: Final[Mapping[FaultKind, Callable[[World, Struck], None]]] = {
     FaultKind.WIND: _wind,
     FaultKind.GNSS_OUTAGE: _gnss_outage,
     FaultKind.GNSS_DRIFT: _gnss_drift,
+    FaultKind.POSITION_JUMP: _position_jump,
+    FaultKind.POSITION_FREEZE: _position_freeze,
+    FaultKind.POSITION_DRIFT: _position_drift,
+    FaultKind.HEIGHT_ERROR: _height_error,
     FaultKind.MOTOR: _motor,
     FaultKind.PILOT: _pilot,
 }

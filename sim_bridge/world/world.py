@@ -22,6 +22,7 @@ from sim_bridge.world.autopilot.estimates.errors import errors_of
 from sim_bridge.world.autopilot.estimates.estimator import estimated
 from sim_bridge.world.autopilot.estimates.gnss_faults import FaultyGnss
 from sim_bridge.world.autopilot.estimates.odometry import Odometer
+from sim_bridge.world.autopilot.estimates.position_faults import STRIKES_POSITION, FaultyPosition
 from sim_bridge.world.autopilot.personality import odometry_parameters
 from sim_bridge.world.contacts import Collisions, Contacts, Touched
 from sim_bridge.world.radio import radio_of
@@ -45,6 +46,7 @@ class Vehicle:
     autopilot: Autopilot
     receiver: Receiver | None = None  # of satellites, where it has odometry besides
     gnss: FaultyGnss | None = None  # where it has not, and a fault strikes it
+    position: FaultyPosition | None = None  # where a fault strikes what it makes of all its sensors
 
 
 class World:
@@ -79,6 +81,7 @@ class World:
         gnss_fails = any(FORMS[fault.kind].needs is Needs.SATELLITES for fault in sim.faults)
         if crowns is None and gnss_fails and mission.flies_by_ranges:
             crowns = Crowns(OPEN_FIELD)
+        lies = any(fault.kind in STRIKES_POSITION for fault in sim.faults)
         motor_fails = any(fault.kind is FaultKind.MOTOR for fault in sim.faults)
         starts_ned_m = spawn_points(mission, np.random.default_rng([sim.seed, 0x5BA3]), stand)
         self.vehicles: dict[int, Vehicle] = {}
@@ -93,6 +96,7 @@ class World:
             receiver: Receiver | None = None
             shaded: Aided | None = None
             gnss: FaultyGnss | None = None
+            position: FaultyPosition | None = None
             blind = not mission.has_satellites(vehicle_id)
             if blind:
                 believed: Airframe = Odometer(body, sim.odometry, seed=sim.seed, vehicle_id=vehicle_id)
@@ -102,8 +106,12 @@ class World:
                 believed = shaded = Aided(body, receiver, sim.odometry, seed=sim.seed, vehicle_id=vehicle_id)
             else:
                 believed = estimated(body, errors_of(sim, vehicle_id), sim.seed, vehicle_id)
+                if lies:
+                    believed = position = FaultyPosition(believed)
                 if gnss_fails:
                     believed = gnss = FaultyGnss(believed, seed=sim.seed, vehicle_id=vehicle_id, body=body)
+            if lies and position is None:
+                believed = position = FaultyPosition(believed)
             autopilot = make_autopilot(
                 personality,
                 vehicle_id,
@@ -114,7 +122,7 @@ class World:
                 satellites=not blind,
                 shaded=shaded,
             )
-            self.vehicles[vehicle_id] = Vehicle(vehicle_id, body, believed, autopilot, receiver, gnss)
+            self.vehicles[vehicle_id] = Vehicle(vehicle_id, body, believed, autopilot, receiver, gnss, position)
         self.radio = radio_of(mission, stand)
         self.sensors = simulated_sensors(mission, stand, list(self.vehicles))
         self._sensed: dict[int, Vec3] = {}  # where the vehicles were at the last step that was sensed

@@ -47,6 +47,7 @@ _.not_heard  # watch: what the page is told of a swarm
 _.schema_version  # of a mission or a study: the reader checks it
 _.localise  # the same, of a study of localisation
 _.drift_mps  # of a fault: the numbers of its kind are read by the names in its row
+_.jump_m  # the same
 _.PARALLEL  # values of an enumeration that files give
 _.CANCELLED  # MAV_RESULT: an autopilot answers it
 _.STEM  # RecordKind: comes as a number

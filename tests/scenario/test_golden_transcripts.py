@@ -14,6 +14,7 @@ ENDS = {  # with these the flight ends: only a landing follows, or nothing does
     Cause.ALONE_LONG,
     Cause.NO_MAJORITY_LONG,
     Cause.OBSTACLES_LOST,
+    Cause.POSITION_DOUBTED_LONG,
     Cause.SWARM_LANDS,
 }
 

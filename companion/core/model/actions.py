@@ -32,11 +32,19 @@ class SendBeacon:
     beacon: Final[Beacon]
     word: Final[RelativeReport | None]  # where the swarm flies by ranges
     pos_ned_m: Final[Vec3 | None]  # there: where an acting leader is, about the mission's origin; others do not tell
+    off_ned_m: Final[Vec3]  # the position flown by less the one that the autopilot reports
 
-    def __init__(self, beacon: Beacon, word: RelativeReport | None = None, pos_ned_m: Vec3 | None = None) -> None:
+    def __init__(
+        self,
+        beacon: Beacon,
+        word: RelativeReport | None = None,
+        pos_ned_m: Vec3 | None = None,
+        off_ned_m: Vec3 = (0.0, 0.0, 0.0),
+    ) -> None:
         self.beacon = beacon
         self.word = word
         self.pos_ned_m = pos_ned_m
+        self.off_ned_m = off_ned_m
 
 
 @dataclass(frozen=True, slots=True)

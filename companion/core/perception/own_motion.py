@@ -66,6 +66,15 @@ class OwnMotion:
         """The same of a position with its velocity, which stays as it is."""
         return Position(self.correct_place(own.pos_ned_m), own.vel_ned_mps, own.boot_s)
 
+    def reckon_from(self, led_ne_m: tuple[float, float], reported: Position, turned_rad: float) -> None:
+        """The fix was led astray: trunks have the vehicle at `led_ne_m` where it is `reported`.
+
+        From now on it `reckons`. `turned_rad`: by how much the trunks' frame has been turned by motion that was not.
+        """
+        self.odometry.turn_frame(-turned_rad)
+        placed = self.odometry.correct_place(reported.pos_ned_m)
+        self._shift_then_m = (placed[0] - led_ne_m[0], placed[1] - led_ne_m[1])
+
     def velocity_bias(self, otherwise: Vec3) -> Vec3:
         """True velocity less the one that the flight goes by; `otherwise`: what is known of it without trunks."""
         if self.velocity_bias_ne_mps is None or self._is_odometry:

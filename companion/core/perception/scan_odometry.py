@@ -101,6 +101,16 @@ class ScanOdometry:
         """Trunks or walls have corrected the pose lately."""
         return now_s - self.corrected_s <= FRESH_S
 
+    @property
+    def frame_rad2(self) -> float:
+        """Variance of how far the trunks' frame is turned from the one of reported motion."""
+        return self._cov[15]
+
+    def turn_frame(self, by_rad: float) -> None:
+        """Turns the trunks' frame about the vehicle: it was turned by reported motion that was not true."""
+        if by_rad != 0.0:
+            self._turn_frame((), (), -by_rad)
+
     def correct_place(self, pos_ned_m: Vec3) -> Vec3:
         """A reported position, corrected."""
         if self.shift_m == (0.0, 0.0):

@@ -43,6 +43,7 @@ class Source(IntEnum):
     SWARM = 6  # what the swarm does
     PARTITION = 7  # the network partition that this vehicle is in
     LOCALISATION = 8
+    INTEGRITY = 9  # whether the own position can be true
 
 
 class Response(Enum):
@@ -75,16 +76,20 @@ class Cause(IntEnum):
     ALONE_LONG = auto()
     NO_MAJORITY_LONG = auto()
     OBSTACLES_LOST = auto()
+    POSITION_DOUBTED_LONG = auto()
     SWARM_LANDS = auto()
     SETPOINTS_CUT = auto()
     SETPOINTS_RETURN = auto()
     FAILSAFE_HOLD = auto()
     REFUSED = auto()
     NO_POSITION = auto()
+    POSITION_FROZEN = auto()
     TELEMETRY_LATE = auto()
     OBSTACLES_STALE = auto()
     NO_HEARTBEAT = auto()
     GNSS_LOST = auto()
+    POSITION_JUMPED = auto()
+    GNSS_ASTRAY = auto()
     OPERATOR_HOLDS = auto()
     PEER_UNCERTAIN = auto()
     OTHERS_LOST = auto()
@@ -92,6 +97,7 @@ class Cause(IntEnum):
     NO_LEADER = auto()
     NO_MAJORITY = auto()
     POSITION_UNCERTAIN = auto()
+    POSITION_DOUBTED = auto()
     BATTERY_LOW = auto()
 
 
@@ -140,11 +146,23 @@ class Readings(NamedTuple):
     missing: str = ""  # which vehicles, in words
     search: str = ""  # for others that are lost, in words
     unsure_of: int = 0  # LOCALISATION: a vehicle; 0: none
+    frozen_s: float = 0.0  # INTEGRITY: the position has been repeated while the vehicle moves
+    since_jump_s: float = math.inf  # since the position jumped last
+    is_off: bool = False  # it has not come back since
+    is_astray: bool = False  # the fix left the way that trunks tell, or the own velocity
+    is_off_velocity: bool = False  # it is the own velocity's
+    unseen_s: float = 0.0  # then: for how long trunks have not told the own motion
 
 
 def there(found: bool) -> float:
     """Of a row whose reading has no time of its own: it counts at once."""
     return math.inf if found else 0.0
+
+
+def _name_doubt(r: Readings) -> str:
+    if r.is_off_velocity:
+        return "off its velocity"
+    return "GNSS led astray" if r.is_astray else "jump taken off"
 
 
 class Clear(Enum):
@@ -346,6 +364,18 @@ ROWS: tuple[Row, ...] = (
         delay_s=math.nextafter(60.0, 0.0),  # by then, and not just after it: it stands in the way of all
     ),
     Row(
+        Cause.POSITION_DOUBTED_LONG,
+        Source.INTEGRITY,
+        "`gnss_astray` or `position_frozen` for {delay_s} s",
+        lambda r: max(r.unseen_s, r.frozen_s),
+        Response.LAND,
+        Clear.LANDED,
+        Severity.CRITICAL,
+        "land: position doubted for {delay_s} s",
+        delay_s=15.0,  # what it goes by meanwhile is a guess, that errs by 0.2 m/s
+        resigns=True,
+    ),
+    Row(
         Cause.SWARM_LANDS,
         Source.SWARM,
         "the leader lands the swarm (at the mission's end, stuck, or too few at d1), and no vehicle above or below",
@@ -414,6 +444,19 @@ ROWS: tuple[Row, ...] = (
         resigns=True,
     ),
     Row(
+        Cause.POSITION_FROZEN,
+        Source.INTEGRITY,
+        "the same position, to the bit, for {delay_s} s, while its velocity or its setpoint says that it moves",
+        lambda r: r.frozen_s,
+        Response.REST,
+        Clear.GONE,
+        Severity.CRITICAL,
+        "hold: position frozen",
+        until="it changes",
+        delay_s=0.5,
+        resigns=True,
+    ),
+    Row(
         Cause.TELEMETRY_LATE,
         Source.AUTOPILOT,
         "positions are more than {delay_s} s under way",
@@ -466,6 +509,34 @@ ROWS: tuple[Row, ...] = (
         "so much further away",
         delay_s=0.5,
         lingers_s=1.0,  # an estimator takes its first fixes, and jumps to them
+        resigns=True,
+    ),
+    Row(
+        Cause.POSITION_JUMPED,
+        Source.INTEGRITY,
+        "its position has jumped within the last {lingers_s} s by more than 3 m against its velocity: the jump is "
+        "taken off, here and in what it broadcasts",
+        lambda r: there(r.since_jump_s <= 2.0),
+        Response.HOLD,
+        Clear.GONE,
+        Severity.CRITICAL,
+        "hold: position jumped",
+        until="{lingers_s} s are over",
+        lingers_s=2.0,
+        resigns=True,
+    ),
+    Row(
+        Cause.GNSS_ASTRAY,
+        Source.INTEGRITY,
+        "its fix has left the way that trunks, or its own velocity, tell, and for {delay_s} s no trunks tell its "
+        "motion: it goes by the drift that was found, or that velocity",
+        lambda r: r.unseen_s,
+        Response.HOLD,
+        Clear.GONE,
+        Severity.CRITICAL,
+        "hold: position astray, no trunk seen",
+        until="trunks tell its motion again",
+        delay_s=1.0,
         resigns=True,
     ),
     Row(
@@ -561,6 +632,20 @@ ROWS: tuple[Row, ...] = (
         Severity.WARNING,
         "hold: position uncertain",
         until="it has a GNSS fix, or another leads; on the way its leader lands the swarm at last, as stuck",
+    ),
+    Row(
+        Cause.POSITION_DOUBTED,
+        Source.INTEGRITY,
+        "its fix has left the way that trunks, or its own velocity, tell: it flies by these for the rest of the "
+        "flight; or a jump was taken off its position, which has not come back",
+        lambda r: there(r.is_astray or r.is_off),
+        Response.RESIGN,
+        Clear.GONE,
+        Severity.CRITICAL,
+        "position doubted: {}",
+        until="it has landed, or its position is back where it was; meanwhile its beacons say how far it may be off",
+        detail=_name_doubt,
+        resigns=True,
     ),
     Row(
         Cause.BATTERY_LOW,

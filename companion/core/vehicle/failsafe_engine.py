@@ -40,7 +40,9 @@ def rests(findings: Sequence[Finding]) -> bool:
 
 def knows_position(findings: Sequence[Finding]) -> bool:
     """No cause is there for which the own position is old."""
-    return not any([found.cause in (Cause.NO_POSITION, Cause.TELEMETRY_LATE) for found in findings])
+    return not any(
+        [found.cause in (Cause.NO_POSITION, Cause.TELEMETRY_LATE, Cause.POSITION_FROZEN) for found in findings]
+    )
 
 
 def resigns(findings: Sequence[Finding]) -> bool:

@@ -7,6 +7,7 @@ measured: `rates`. Both ends learn of it (the last message of an exchange carrie
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
@@ -90,7 +91,7 @@ class RangeRadios(SimulatedSensor):
             measured_m = true_m + noise_m + max(by_trunk_m, late_m if draws[1] < self._errors.late else 0.0)
             found.setdefault(a, []).append((b, max(0.05, measured_m), 0.0))
             found.setdefault(b, []).append((a, max(0.05, measured_m), 0.0))
-        return {k: self._encode_ranges(k, ranges) for k, ranges in found.items()}
+        return {k: self._encode_ranges(k, ranges, now_s) for k, ranges in found.items()}
 
     def _error_m(self, a: int, b: int, normal: float) -> float:
         """Without what trunks and reflections do. `normal`: drawn, of unit size."""
@@ -109,10 +110,11 @@ class RangeRadios(SimulatedSensor):
             return None
         return self._hidden_m.setdefault((a, b), late_m)
 
-    def _encode_ranges(self, vehicle_id: int, ranges: list[tuple[int, float, float]]) -> bytes:
+    def _encode_ranges(self, vehicle_id: int, ranges: list[tuple[int, float, float]], now_s: float) -> bytes:
         send = self._drivers[vehicle_id].frame
+        time_boot_ms = struct.pack("<I", round(now_s * 1e3) & 0xFFFFFFFF)
         return b"".join(
-            send(dialect.MAVLINK_MSG_ID_SWARM_RANGES, pack_ranges(ranges[at : at + MOST]))
+            send(dialect.MAVLINK_MSG_ID_SWARM_RANGES, time_boot_ms + pack_ranges(ranges[at : at + MOST]))
             for at in range(0, len(ranges), MOST)
         )
 

@@ -54,6 +54,8 @@ class Aircraft:
     tells_mode: bool = True  # by HEARTBEATs
     boot_s: float | None = None  # when its autopilot was started; None: it does not tell
     late_s: float = 0.0  # positions are under way for so long
+    off_ned_m: Vec3 = (0.0, 0.0, 0.0)  # what it tells of its position, less the true one
+    frozen_ned_m: Vec3 | None = None  # it tells this one
     sees: bool = True  # its obstacle sensor works, where the mission has one
     ranges_m: tuple[float, ...] = (math.inf,) * SECTORS  # what that sees, from north clockwise
     refuses: Result | None = None  # its answer to whatever is asked
@@ -116,7 +118,12 @@ class Aircraft:
             self.agent.receive(Satellites(used=True, sd_m=1.0, has_fix=self.has_fix), now_s)
         if self.estimates_position:
             boot_s = None if self.boot_s is None else now_s - self.boot_s - self.late_s
-            self.agent.receive(Position(self.pos_ned_m, self.vel_ned_mps, boot_s), now_s)
+            self.agent.receive(Position(self.told_ned_m, self.vel_ned_mps, boot_s), now_s)
+
+    @property
+    def told_ned_m(self) -> Vec3:
+        """The position that its autopilot tells."""
+        return add(self.pos_ned_m, self.off_ned_m) if self.frozen_ned_m is None else self.frozen_ned_m
 
     def _obey(self, request: Request, altitude_m: float, now_s: float) -> None:
         match request:

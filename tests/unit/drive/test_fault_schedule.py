@@ -42,6 +42,10 @@ def fault(kind: str, **values: Any) -> Fault:
         ("late", "2@40:1.5", {"vehicles": (2,), "at_s": 40.0, "late_s": 1.5}),
         ("gnss-outage", "2@40:20", {"vehicles": (2,), "at_s": 40.0, "for_s": 20.0}),
         ("gnss-drift", "2@40:0.3:-1", {"vehicles": (2,), "at_s": 40.0, "drift_mps": (0.3, -1.0)}),
+        ("position-jump", "2@40:6:-1", {"vehicles": (2,), "at_s": 40.0, "jump_m": (6.0, -1.0)}),
+        ("position-freeze", "2@40:5", {"vehicles": (2,), "at_s": 40.0, "for_s": 5.0}),
+        ("position-drift", "2@40:0.3:0", {"vehicles": (2,), "at_s": 40.0, "drift_mps": (0.3, 0.0)}),
+        ("height-error", "2@40:10", {"vehicles": (2,), "at_s": 40.0, "height_m": 10.0}),
         ("motor", "leader@transit+5", {"phase": "transit", "at_s": 5.0}),
         (
             "scan-errors",

@@ -84,6 +84,13 @@ def test_two_vehicles_with_different_local_origins_agree_within_two_centimetres(
     assert found.rel_ned_m == pytest.approx(truth, abs=0.02)
 
 
+def test_a_beacon_tells_the_position_that_is_flown_by_where_another_is_reported() -> None:
+    me, other = codec_at((0.0, 0.0, -8.0), vehicle_id=1), codec_at((10.0, 3.0, -9.0), vehicle_id=2)
+    found = heard(me, *on_wire(other.encode_beacon(beacon(2), None, (-6.0, 0.0, 4.0))))
+    assert found is not None
+    assert found.rel_ned_m == pytest.approx((4.0, 3.0, 3.0), abs=0.02)
+
+
 @pytest.mark.parametrize("bad", [*BAD_FLOATS, FURTHEST_M * 1.01])
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
 def test_home_that_makes_no_sense_is_refused_and_the_last_one_kept(bad: float, axis: str) -> None:

@@ -35,7 +35,7 @@ def told(word: RelativeReport | None) -> tuple[object, ...]:
 def test_ranges_come_back() -> None:
     for got, sent in zip(unpack_ranges(pack_ranges(RANGES)), RANGES, strict=True):
         assert got == pytest.approx(sent)
-    message = dialect.MAVLink_swarm_ranges_message(list(pack_ranges(RANGES)))
+    message = dialect.MAVLink_swarm_ranges_message(0, list(pack_ranges(RANGES)))
     assert unpack_ranges(message.ranges) == unpack_ranges(pack_ranges(RANGES))
 
 

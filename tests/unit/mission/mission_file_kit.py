@@ -176,6 +176,8 @@ SCANS = _of_kind("scan-errors", "noise_m = 0.1\ndelay_s = 0.2")
 OTHER_FAULTS = {  # by the key that FULL's fault does not have
     "sim.faults[0].wind_mps": _of_kind("wind", "wind_mps = [4.0, -3.0]"),
     "sim.faults[0].drift_mps": _of_kind("gnss-drift", "drift_mps = [0.1, 0.0]"),
+    "sim.faults[0].jump_m": _of_kind("position-jump", "jump_m = [6.0, 0.0]"),
+    "sim.faults[0].height_m": _of_kind("height-error", "height_m = 10.0"),
     "sim.faults[0].noise_m": SCANS,
     "sim.faults[0].delay_s": SCANS,
     "sim.faults[0].bias_m": _of_kind("range-errors", "bias_m = 0.2\nnoise_m = 0.1"),

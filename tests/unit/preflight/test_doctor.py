@@ -46,7 +46,7 @@ MESH = parse_url("udpbcast://127.255.255.255:14660", PEERS_SCHEMES)
 class Heard:
     """A link on which `data` has already come."""
 
-    errors = 0
+    errors = lost = 0
     up = True
 
     def __init__(self, data: tuple[bytes, ...]) -> None:
@@ -172,7 +172,7 @@ def test_lidar_is_told_with_what_it_sees(hear: Any) -> None:
 
 
 def ranges_frame(*vehicles: int) -> bytes:
-    message = dialect.MAVLink_swarm_ranges_message(list(pack_ranges([(k, 8.0, 0.0) for k in vehicles])))
+    message = dialect.MAVLink_swarm_ranges_message(0, list(pack_ranges([(k, 8.0, 0.0) for k in vehicles])))
     return wire.pack(message, seq=0, system=3, component=158)
 
 

@@ -167,7 +167,7 @@ def ranged(*told: tuple[tuple[int, ...], int, float]) -> Check:
     """Of vehicles measured, with system and rate, over the window."""
     tally = RangeTally(100.0)
     for vehicles, system, rate_hz in told:
-        m = dialect.MAVLink_swarm_ranges_message(list(pack_ranges([(k, 8.0, 0.0) for k in vehicles])))
+        m = dialect.MAVLink_swarm_ranges_message(0, list(pack_ranges([(k, 8.0, 0.0) for k in vehicles])))
         for k in range(round(WINDOW_S * rate_hz)):
             tally.add(m, system, 158, 100.0 + k / rate_hz)
     return check_of("ranges", tally.check(ranging_mission(), ME, 100.0 + WINDOW_S, "udpin://x:1"))

@@ -5,6 +5,9 @@ here flies by differences of positions must not see that: obstacles, ranges, the
 into an odometer, which never jumps, and an offset to the mission's frame, which follows the fixes as much as they are
 worth against odometry: a scalar Kalman filter. Who leads takes the offset over little by little (`Guidance.locate`).
 
+A fix that leaves the way of the odometer, by more than both may err, is led astray: from then on there is none, and the
+offset is what it was when it began to leave.
+
 How good the reception is, for the election: worse when it has been so for WORSE_S, better when it has been so for
 BETTER_S, and for twice as long after each loss: one that comes and goes does not count as there.
 """
@@ -15,6 +18,8 @@ import math
 from typing import Final, final
 
 from companion.core.localisation.gnss_denied.error_state import Errors
+from companion.core.localisation.integrity.fix_monitor import FixMonitor, Noise, Parted
+from companion.core.localisation.integrity.velocity_way import VelocityWay
 from companion.core.model.events import Position, Satellites
 from companion.core.model.states import Reception
 from mission.common.frames import Vec3
@@ -34,6 +39,10 @@ BETTER_S: Final = 10.0
 BETTER_MAX_S: Final = 160.0
 SDS: Final = 2.0  # of what may be
 BELIEVED: Final = Errors()  # of odometry
+# Of fixes, whose size the receiver tells, against odometry that they correct: a fifth of its errors is left
+AGAINST_FIXES: Final = Noise(fix_m=0.5, fix_memory_s=MEMORY_S, walk_m2_per_s=0.004, share=0.005, alarm=24.0)
+FRAME_RAD2: Final = math.radians(0.6) ** 2
+ASTRAY_SD_M: Final = 1.5  # of a place from which a fix was led astray
 
 
 @final
@@ -69,10 +78,12 @@ class GlobalLocalisation:
     """One vehicle's. `receives`: the mission says that it has a receiver."""
 
     __slots__ = (
+        "_astray",
         "_better_s",
         "_flown",
         "_heard_s",
         "_jumped_ne_m",
+        "_monitor",
         "_off_ne_m",
         "_other_since_s",
         "_own",
@@ -81,6 +92,7 @@ class GlobalLocalisation:
         "_receives",
         "_said",
         "_told",
+        "_velocity_way",
         "_way",
         "reception",
     )
@@ -100,6 +112,9 @@ class GlobalLocalisation:
         self._off_ne_m = (0.0, 0.0)  # mission's position less odometer
         self._own = DeadReckoningUncertainty(START_SD_M)  # of that
         self._way = DeadReckoningUncertainty(START_SD_M)  # of the way to d2
+        self._monitor = FixMonitor(AGAINST_FIXES)
+        self._velocity_way = VelocityWay()
+        self._astray = False
 
     # --- what comes in ---
 
@@ -127,6 +142,9 @@ class GlobalLocalisation:
         self._way.add_bias_walk(since_s)
         if self.is_used(now_s):
             self._correct_offset(since_s)
+            self._hold_fix(told, now_s)
+        else:
+            self._monitor.forget()
         return Position(pos, told.vel_ned_mps, told.boot_s)
 
     def _split_jump(self, before: Position, told: Position, since_s: float, now_s: float) -> None:
@@ -138,6 +156,32 @@ class GlobalLocalisation:
         most_m = PULLED_M + (PULLED_MPS + ACCELERATION_MPS2 * since_s) * since_s
         if math.hypot(more_n, more_e) > most_m or self._reception_now(now_s) is not Reception.GOOD:
             self._jumped_ne_m = (self._jumped_ne_m[0] + more_n, self._jumped_ne_m[1] + more_e)
+
+    def _hold_fix(self, told: Position, now_s: float) -> None:
+        """The position that follows fixes, against the way by velocities."""
+        if not self._flown or not self._velocity_way.update(told, now_s):
+            return
+        fix = (told.pos_ned_m[0], told.pos_ned_m[1])
+        sd_m = UNTOLD_SD_M if self._said is None else self._said.sd_m
+        way = self._velocity_way
+        parted = self._monitor.update(
+            fix,
+            way.ne_m,
+            now_s,
+            frame_rad2=FRAME_RAD2,
+            fix_m=sd_m / math.sqrt(2.0),
+            walk_m2_per_s=way.walk_m2_per_s,
+        )
+        if parted is not None:
+            self._drop_fix(parted)
+
+    def _drop_fix(self, parted: Parted) -> None:
+        """For the rest of the flight: it is where the odometer has led since the fix left its way."""
+        self._astray = True
+        led, pos = parted.fix_ne_m, self._pos_ned_m
+        self._off_ne_m = (led[0] - pos[0], led[1] - pos[1])
+        self._own.set_known(ASTRAY_SD_M, pos)
+        self._way.set_known(ASTRAY_SD_M, pos)
 
     def _correct_offset(self, since_s: float) -> None:
         """By where satellites have it now."""
@@ -178,13 +222,21 @@ class GlobalLocalisation:
 
     # --- what comes out ---
 
+    @property
+    def is_astray(self) -> bool:
+        """Fixes are not gone by any more: they were led astray."""
+        return self._astray
+
     def is_used(self, now_s: float) -> bool:
         """Its autopilot goes by GNSS now."""
         return self._reception_now(now_s) is not Reception.NONE
 
     def fix_ned_m(self, now_s: float) -> Vec3 | None:
-        """The position that satellites give now, as much as they are worth; None: its autopilot does not go by them."""
-        if not self._receives or not (self.is_used(now_s) or not self._flown):
+        """The position that satellites give now, as much as they are worth; None: its autopilot does not go by them.
+
+        Of fixes that were led astray: what they would have been.
+        """
+        if not self._receives or not (self.is_used(now_s) or self._astray or not self._flown):
             return None
         pos, off = self._pos_ned_m, self._off_ne_m
         return (pos[0] + off[0], pos[1] + off[1], pos[2])
@@ -200,6 +252,8 @@ class GlobalLocalisation:
 
     def _reception_now(self, now_s: float) -> Reception:
         said = self._said
+        if self._astray:
+            return Reception.NONE
         if said is None:  # it tells nothing of satellites: the mission's word counts
             return Reception.GOOD if self._receives else Reception.NONE
         if not said.used or now_s - self._heard_s > FRESH_S:

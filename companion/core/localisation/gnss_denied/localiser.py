@@ -27,6 +27,7 @@ from mission.common.frames import Vec3
 from mission.document.model import Mission
 
 REPORTS_MAX: Final = 8  # of one sender, that wait for their beacons: as many may come in one tick
+ASTRAY: Final = "position doubted: GNSS led astray"
 LOST: Final = "relative localisation not initialised"
 SETTLES_S: Final = 5.0  # since it knows its position among the others: that still moves by metres
 ANCHOR_MPS: Final = 0.5  # a leader goes over to what GNSS says this fast: no setpoint jumps, 10 m take 20 s
@@ -78,7 +79,10 @@ class GnssDeniedLocaliser(Localiser):
 
     def receive_position(self, position: Position, now_s: float, *, airborne: bool) -> Position:
         """By the odometer, which never jumps."""
+        was_astray = self.global_localisation.is_astray
         position = self.global_localisation.split_position(position, now_s, airborne=airborne)
+        if self.global_localisation.is_astray and not was_astray:
+            self.said.append(Say(Severity.CRITICAL, ASTRAY))
         self.ranging.update_odometry(position, now_s)
         return position
 

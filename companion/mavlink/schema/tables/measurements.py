@@ -23,6 +23,13 @@ RANGES: Final = Message(
     see=HOW_TO,
     fields=(
         field(
+            "time_boot_ms",
+            "uint32_t",
+            "When this was sent, by the driver's own clock since it began; 0: it has none. By it frames that are sent "
+            "again, or were held back, are told from new ones.",
+            unit="ms",
+        ),
+        field(
             "ranges",
             "uint8_t[128]",
             "Groups of four bytes: system id of the other vehicle (0: none); the distance in centimetres, "
@@ -213,7 +220,13 @@ RECORD: Final = Message(
         field("log_id", "uint32_t", "Drawn when the writer's log was begun."),
         field("log_number", "uint32_t", "In that log: 1, 2, 3 and so on.", least=1, most=(1 << 24) - 1),
         field("log_writer", "uint8_t", "System id of the vehicle that made it.", least=1, most=250),
-        field("record_kind", "uint8_t", "1: a stem. 2: the area seen. 3: of another sensor.", least=1, most=3),
+        field(
+            "record_kind",
+            "uint8_t",
+            "1: stem. 2: area seen. 3: of another sensor. 4: stand in figures.",
+            least=1,
+            most=4,
+        ),
         field("body_size", "uint8_t", "Of the body.", unit="bytes", most=BODY_MAX),
         field("record_body", f"uint8_t[{BODY_MAX}]", "As its kind says, in CBOR (RFC 8949)."),
     ),

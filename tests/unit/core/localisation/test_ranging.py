@@ -218,11 +218,12 @@ def test_places_of_a_silent_vehicle_that_no_range_reaches_stay_where_they_are() 
     assert localiser._correct_silent({OTHER: silent}, 100.0) == {OTHER: silent}
 
 
-def test_one_that_fell_silent_is_as_far_away_as_the_own_radio_measures_and_where_it_was_without() -> None:
+def test_one_that_fell_silent_is_as_near_as_the_own_radio_measures_and_never_farther_than_it_was() -> None:
     flight = Flight({})
     flight.fly(5.0)
     apart_m = math.dist(flight.place(ME, flight.now_s), flight.place(OTHER, flight.now_s))
-    strayed = (0.0, 3.0, 0.0)  # odometry has it there by now
+    near, strayed = (0.0, 3.0, 0.0), (0.0, 300.0, 0.0)  # odometry has it there by now
+    assert flight.here.scale_to_range(OTHER, near, flight.now_s) is near  # a range may be wrong, or made by somebody
     held = flight.here.scale_to_range(OTHER, strayed, flight.now_s)
     assert held == pytest.approx((0.0, apart_m, 0.0), abs=0.5)  # it flies: the last range is 0.1 s old
     assert flight.here.scale_to_range(OTHER, strayed, flight.now_s + 5.0) is strayed

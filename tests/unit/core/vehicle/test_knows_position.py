@@ -7,7 +7,7 @@ import pytest
 from companion.core.vehicle.failsafe import Cause, Finding
 from companion.core.vehicle.failsafe_engine import knows_position
 
-NOT_KNOWN = {Cause.NO_POSITION, Cause.TELEMETRY_LATE}
+NOT_KNOWN = {Cause.NO_POSITION, Cause.POSITION_FROZEN, Cause.TELEMETRY_LATE}
 
 
 @pytest.mark.parametrize("cause", list(Cause))

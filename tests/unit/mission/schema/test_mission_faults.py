@@ -34,6 +34,10 @@ GOOD = (
     'kind = "wind"\nvehicles = [1, 2]\nat_s = 40\nwind_mps = [4.0, -3.0]\nfor_s = 20',
     'kind = "gnss-outage"\nvehicles = [2]\nat_s = 40',
     'kind = "gnss-drift"\nat_s = 40\ndrift_mps = [0.3, 0.0]\nfor_s = 60',
+    'kind = "position-jump"\nat_s = 40\njump_m = [6.0, -2.0]',
+    'kind = "position-freeze"\nat_s = 40\nfor_s = 5',
+    'kind = "position-drift"\nat_s = 40\ndrift_mps = [0.3, 0.0]',
+    'kind = "height-error"\nat_s = 40\nheight_m = -10.0',
     'kind = "motor"\nat_s = 40',
     'kind = "disk-full"\nat_s = 40',
 )
@@ -59,7 +63,8 @@ def test_a_fault_loads_and_its_dump_loads_back_equal(table: str) -> None:
             'kind = "hang"\nat_s = 1',
             11,
             'sim.faults[0].kind = "hang": must be one of "kill", "restart", "stop", "partition", "late", "blind", '
-            '"wind", "gnss-outage", "gnss-drift", "motor", "scan-errors", "range-errors", "pilot", "disk-full"',
+            '"wind", "gnss-outage", "gnss-drift", "position-jump", "position-freeze", "position-drift", '
+            '"height-error", "motor", "scan-errors", "range-errors", "pilot", "disk-full"',
         ),
         ('kind = "kill"', 10, "sim.faults[0].at_s: missing; must be a number from 0"),
         ('kind = "kill"\nat_s = -1', 12, "sim.faults[0].at_s = -1: must be a number from 0"),
@@ -86,6 +91,12 @@ def test_a_fault_loads_and_its_dump_loads_back_equal(table: str) -> None:
             'kind = "range-errors"\nat_s = 1\nbias_m = 1\nnoise_m = 0',
             11,
             'sim.faults[0].kind = "range-errors": needs a mission in which not all have GNSS',
+        ),
+        ('kind = "position-jump"\nat_s = 1', 10, "sim.faults[0] = a table: position-jump: needs jump_m"),
+        (
+            'kind = "height-error"\nat_s = 1\nheight_m = 51',
+            13,
+            "sim.faults[0].height_m = 51: must be a number from -50 to 50",
         ),
         ('kind = "late"\nat_s = 1', 10, "sim.faults[0] = a table: late: needs late_s"),
         ('kind = "late"\nat_s = 1\nlate_s = 11', 13, "sim.faults[0].late_s = 11: must be a number above 0, at most 10"),

@@ -1,0 +1,116 @@
+"""Own positions that jump, freeze or are led astray, in whole flights: in truth nobody touches, or leaves the fence.
+
+Without what holds them these flights end in a contact, 72 m outside of the fence, on the ground, 5.3 and 3.8 m outside.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import mission
+from mission.document.model import Mission
+from sim_bridge.judge.verdict import Grade
+from sim_bridge.world.world import DEFAULT_ORIGIN
+from tests.flights import flown, short_mission
+
+EXAMPLES = Path(mission.__file__).parent / "examples"
+FENCE_M = 0.1
+
+
+def with_fault(kind: str, *vehicles: int, range_finder: bool = True, **numbers: Any) -> Mission:
+    fault: dict[str, Any] = {"kind": kind, "phase": "transit", "at_s": 5.0, **numbers}
+    if vehicles:
+        fault["vehicles"] = vehicles
+    return short_mission(
+        route={"d1_enu_m": (0, 0, 6), "d2_enu_m": (80, 0, 6), "vel_leader_mps": 3.0},
+        fence={
+            "altitude_min_m": 2.0,
+            "altitude_max_m": 12.0,
+            "polygon_enu_m": [[-30, -30], [110, -30], [110, 30], [-30, 30]],
+        },
+        swarm={"size": 5},
+        sim={
+            "seed": 11,
+            "estimates": "recorded",
+            "range_finder": range_finder,
+            "time_limit_s": 200.0,
+            "faults": [fault],
+        },
+    )
+
+
+def of_example(name: str, fault: dict[str, Any], **changes: Any) -> Mission:
+    tables = tomllib.loads((EXAMPLES / name).read_text())
+    for table, keys in changes.items():
+        tables[table] |= keys
+    tables.setdefault("sim", {})["seed"] = 11
+    tables["sim"] |= {"time_limit_s": 250.0, "faults": [{"phase": "transit", "at_s": 5.0, **fault}]}
+    return Mission.model_validate(tables).with_origin(DEFAULT_ORIGIN)
+
+
+def test_a_leader_whose_position_jumps_20_m_is_passed_by_nobody(tmp_path: Path) -> None:
+    outcome, shown = flown(with_fault("position-jump", jump_m=(0.0, 20.0)), tmp_path)
+    assert outcome.metrics.contacts == 0
+    assert outcome.metrics.fence_exceeded_m <= FENCE_M
+    assert "vehicle 1: hold: position jumped" in shown
+    assert "vehicle 1: position doubted: jump taken off" in shown
+    assert "leader: vehicle 1" not in shown.split("jump taken off")[1]  # it has given up the lead
+    assert outcome.succeeded, shown
+
+
+def test_one_whose_position_freezes_rests_and_lands(tmp_path: Path) -> None:
+    outcome, shown = flown(with_fault("position-freeze", 2), tmp_path)
+    assert outcome.metrics.contacts == 0
+    assert outcome.metrics.fence_exceeded_m <= FENCE_M
+    assert "vehicle 2: hold: position frozen" in shown
+    assert "vehicle 2: land: position doubted for 15 s" in shown
+
+
+@pytest.mark.parametrize(("height_m", "range_finder"), [(10.0, True), (-10.0, True), (10.0, False)])
+def test_a_height_that_is_wrong_at_once_brings_nobody_down_or_up(
+    height_m: float, range_finder: bool, tmp_path: Path
+) -> None:
+    outcome, shown = flown(with_fault("height-error", 2, height_m=height_m, range_finder=range_finder), tmp_path)
+    assert outcome.summary["grade"] == Grade.ARRIVED, shown
+    assert outcome.metrics.fence_exceeded_m <= FENCE_M
+    assert "vehicle 2: hold: position jumped" in shown
+
+
+def test_in_the_open_a_leader_whose_position_leaves_its_velocity_goes_by_that_and_lands(tmp_path: Path) -> None:
+    outcome, shown = flown(with_fault("position-drift", 1, drift_mps=(0.0, 0.4)), tmp_path)
+    assert outcome.metrics.contacts == 0
+    assert outcome.metrics.fence_exceeded_m <= FENCE_M
+    assert "vehicle 1: position doubted: off its velocity" in shown
+    assert "vehicle 1: land: position doubted for 15 s" in shown
+
+
+def test_among_trees_a_leader_that_is_led_astray_drops_its_fix_before_5_m(tmp_path: Path) -> None:
+    fault = {"kind": "gnss-drift", "vehicles": [1], "drift_mps": [0.0, 0.3]}
+    drawn = of_example(
+        "natural_stand.toml",
+        fault,
+        swarm={"size": 4},
+        sensing={"sensor": "scan-1deg", "range_m": 12.0},
+        sim={"estimates": "recorded"},
+    )
+    outcome, shown = flown(drawn, tmp_path)
+    assert outcome.metrics.contacts == 0
+    assert outcome.metrics.fence_exceeded_m <= FENCE_M
+    said = [line for line in shown.splitlines() if "position doubted: GNSS led astray" in line]
+    assert len(said) == 1, shown
+    assert "vehicle 1" in said[0]
+    began = next(line for line in shown.splitlines() if "fault: GNSS" in line)
+    assert 0.3 * (float(said[0].split()[0]) - float(began.split()[0])) < 5.0
+
+
+def test_where_the_leader_alone_has_gnss_a_drift_drags_nobody_out_of_the_fence(tmp_path: Path) -> None:
+    fault = {"kind": "gnss-drift", "vehicles": [1], "drift_mps": [0.0, 0.3]}
+    outcome, shown = flown(of_example("only_the_leader.toml", fault, swarm={"size": 6}), tmp_path)
+    assert outcome.metrics.contacts == 0
+    assert outcome.metrics.fence_exceeded_m <= FENCE_M
+    assert "vehicle 1: position doubted: GNSS led astray" in shown
+    assert outcome.succeeded, shown

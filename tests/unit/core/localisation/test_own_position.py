@@ -1,0 +1,135 @@
+"""The own position that is flown by, told to others and judged, when what is reported cannot be true."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import pytest
+
+from companion.core.localisation.gnss_localiser import GnssLocaliser
+from companion.core.localisation.integrity.own_position import OwnPosition
+from companion.core.model.actions import SendBeacon
+from companion.core.model.beacon import PeerReport
+from companion.core.model.events import AnyScan, HeardBeacon, Position
+from companion.core.model.vectors import ZERO, sub
+from companion.core.perception.obstacle_cloud import LocalObstacleCloud
+from companion.core.perception.obstacle_perception import ObstaclePerception, SeenWay
+from companion.core.vehicle.failsafe import Cause
+from mission.common.frames import Vec3
+from tests.unit.core.core_kit import beacon, mission
+
+pytestmark = pytest.mark.sources
+
+DT_S = 0.05
+EAST_MPS = 2.0
+
+
+class Sight(ObstaclePerception):
+    """Sees trunks, that tell the true way, or does not."""
+
+    def __init__(self) -> None:
+        super().__init__(mission(), 0.3)
+        self.true_ne_m = (0.0, 0.0)
+        self.sees = True
+        self.reckons_from: tuple[float, float] | None = None
+
+    def read_way(self, reported: Position, now_s: float) -> SeenWay | None:  # noqa: ARG002
+        return SeenWay(self.true_ne_m, (0.0, 0.0, 0.0), 0.0) if self.sees else None
+
+    def reckon_from(self, led_ne_m: tuple[float, float], reported: Position, turned_rad: float) -> None:  # noqa: ARG002
+        self.reckons_from = led_ne_m
+
+    @property
+    def sees_motion(self) -> bool:
+        return self.sees
+
+    def integrate_scan(self, scan: AnyScan, own: Position, now_s: float, neighbours: Sequence[Vec3]) -> None:
+        """Of no account."""
+
+    def observe_obstacles(
+        self, own_ned_m: Vec3, placed_ned_m: Vec3, hovering: Mapping[int, PeerReport], now_s: float
+    ) -> LocalObstacleCloud:
+        raise NotImplementedError
+
+
+class Flown:
+    """Flies east; its fix is led north by `drift_mps`."""
+
+    def __init__(self) -> None:
+        self.sight = Sight()
+        self.own = OwnPosition(GnssLocaliser(mission(), 1), self.sight)
+        self.now_s, self.off_m = 100.0, 0.0
+        self.told = self.flown = Position(ZERO, ZERO)
+
+    def fly(self, seconds: float, drift_mps: float = 0.0) -> None:
+        for _ in range(round(seconds / DT_S)):
+            self.now_s += DT_S
+            self.off_m += drift_mps * DT_S
+            self.sight.true_ne_m = (0.0, EAST_MPS * (self.now_s - 100.0))
+            self.told = Position((self.off_m, self.sight.true_ne_m[1], -5.0), (drift_mps, EAST_MPS, 0.0), self.now_s)
+            self.flown = self.own.receive(self.told, self.now_s, airborne=True, commanded_ned_mps=ZERO)
+
+    def causes(self) -> list[Cause]:
+        return [found.cause for found in self.own.findings(self.now_s, airborne=True)]
+
+
+def test_while_all_is_well_nothing_is_changed() -> None:
+    one = Flown()
+    one.fly(30.0)
+    sent, heard = SendBeacon(beacon(1)), HeardBeacon(beacon(2), (1.0, 2.0, 3.0))
+    assert one.flown is one.told
+    assert one.own.correct_broadcast(sent) is sent
+    assert one.own.locate_sender(heard) is heard
+    assert one.causes() == []
+    assert one.own.error_m(one.now_s) == 0.0
+
+
+def test_a_fix_that_is_led_astray_is_dropped_before_5_m_and_the_drift_taken_off() -> None:
+    one = Flown()
+    one.fly(20.0)
+    while one.sight.reckons_from is None and one.off_m < 20.0:
+        one.fly(DT_S, 0.3)
+    assert one.off_m < 5.0
+    assert one.sight.reckons_from == pytest.approx(one.sight.true_ne_m, abs=0.5)
+    one.fly(10.0, 0.3)
+    assert one.flown.pos_ned_m[0] == pytest.approx(0.0, abs=0.7)
+    assert one.flown.vel_ned_mps[0] == pytest.approx(0.3, abs=0.4)  # trunks correct it, as far as they are asked
+    assert one.causes() == [Cause.POSITION_DOUBTED]
+    assert one.own.error_m(one.now_s) > 1.0
+
+
+def test_what_is_sent_and_heard_goes_by_the_position_that_is_flown_by() -> None:
+    one = Flown()
+    one.fly(1.0)
+    one.off_m = 8.0  # jumps
+    one.fly(DT_S)
+    off = sub(one.flown.pos_ned_m, one.told.pos_ned_m)
+    assert off == pytest.approx((-8.0, 0.0, 0.0), abs=1e-6)
+    assert one.own.correct_broadcast(SendBeacon(beacon(1))).off_ned_m == pytest.approx(off)
+    heard = one.own.locate_sender(HeardBeacon(beacon(2), (-8.0, 5.0, 0.0)))
+    assert heard.rel_ned_m == pytest.approx((0.0, 5.0, 0.0), abs=1e-6)
+    assert one.causes() == [Cause.POSITION_JUMPED, Cause.POSITION_DOUBTED]
+    one.fly(2.5)
+    assert one.causes() == [Cause.POSITION_DOUBTED]
+
+
+def test_without_trunks_it_holds_soon_and_lands_later() -> None:
+    one = Flown()
+    one.fly(20.0)
+    while one.sight.reckons_from is None:
+        one.fly(DT_S, 0.3)
+    one.sight.sees = False
+    one.fly(2.0, 0.3)
+    assert one.causes() == [Cause.GNSS_ASTRAY, Cause.POSITION_DOUBTED]
+    one.fly(14.0, 0.3)
+    assert one.causes()[0] is Cause.POSITION_DOUBTED_LONG
+
+
+def test_on_the_ground_it_begins_anew() -> None:
+    one = Flown()
+    one.fly(20.0)
+    while one.sight.reckons_from is None:
+        one.fly(DT_S, 0.3)
+    told = Position((3.0, 50.0, 0.0), ZERO, one.now_s + DT_S)
+    assert one.own.receive(told, one.now_s + DT_S, airborne=False, commanded_ned_mps=ZERO) is told
+    assert one.own.findings(one.now_s, airborne=False) == []

@@ -1,0 +1,146 @@
+"""A position that drifts while its velocity is right, under the open sky."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from companion.core.localisation.gnss_denied.global_localisation import GlobalLocalisation
+from companion.core.localisation.gnss_localiser import GnssLocaliser
+from companion.core.localisation.integrity.own_position import OwnPosition
+from companion.core.localisation.integrity.velocity_way import MORE, WORST_M2_PER_S, VelocityWay
+from companion.core.model.events import Position, Satellites
+from companion.core.model.vectors import ZERO
+from companion.core.perception.obstacle_perception import OpenSkyPerception
+from companion.core.vehicle.failsafe import Cause
+from sim_bridge.world.autopilot.estimates.errors import PX4_SEEN
+from sim_bridge.world.autopilot.estimates.noise import Swinging
+from tests.unit.core.core_kit import mission
+
+pytestmark = pytest.mark.sources
+
+DT_S = 0.1
+EAST_MPS = 2.0
+
+
+class Flown:
+    """Flies east; its position is led north, its velocity may be."""
+
+    def __init__(self, noise: Swinging | None = None) -> None:
+        self.own = OwnPosition(GnssLocaliser(mission(), 1), OpenSkyPerception(mission()))
+        self.noise = noise
+        self.now_s, self.off_m = 100.0, 0.0
+        self.flown = Position(ZERO, ZERO)
+
+    def fly(self, seconds: float, drift_mps: float = 0.0, *, velocity_too: bool = False) -> None:
+        for _ in range(round(seconds / DT_S)):
+            self.now_s += DT_S
+            self.off_m += drift_mps * DT_S
+            noise, wrong, off = self.noise, ZERO, ZERO
+            if noise is not None:
+                noise.step(DT_S)
+                wrong, off = noise.velocity_ned_mps, noise.pos_ned_m
+            east_m = EAST_MPS * (self.now_s - 100.0)
+            pos = (self.off_m + off[0], east_m + off[1], -5.0)
+            vel = ((drift_mps if velocity_too else 0.0) + wrong[0], EAST_MPS + wrong[1], 0.0)
+            self.told = Position(pos, vel, self.now_s)
+            self.flown = self.own.receive(self.told, self.now_s, airborne=True, commanded_ned_mps=ZERO)
+
+    def causes(self) -> list[Cause]:
+        return [found.cause for found in self.own.findings(self.now_s, airborne=True)]
+
+
+def px4(seed: int) -> Swinging:
+    rng = np.random.default_rng(seed)
+    sizes = PX4_SEEN.draw(rng)
+    return Swinging(
+        velocity_sd_mps=sizes.velocity_noise_mps,
+        climb_sd_mps=sizes.climb_noise_mps,
+        position_sd_m=sizes.position_noise_m,
+        height_sd_m=sizes.height_noise_m,
+        yaw_sd_rad=sizes.yaw_noise_rad,
+        rng=rng,
+    )
+
+
+@pytest.mark.parametrize("drift_mps", [0.3, 0.5])
+def test_a_position_that_leaves_its_velocity_is_dropped_for_the_way_by_that(drift_mps: float) -> None:
+    one = Flown()
+    one.fly(60.0)
+    while not one.causes() and one.off_m < 30.0:
+        one.fly(1.0, drift_mps)
+    assert one.off_m < 6.0
+    assert one.causes() == [Cause.POSITION_DOUBTED]
+    one.fly(5.0, drift_mps)
+    assert one.causes() == [Cause.GNSS_ASTRAY, Cause.POSITION_DOUBTED]
+    assert one.flown.pos_ned_m[0] == pytest.approx(0.0, abs=1.0)
+    assert one.flown.pos_ned_m[1] == pytest.approx(EAST_MPS * (one.now_s - 100.0), abs=0.5)
+    assert one.own.error_m(one.now_s) > 1.0
+    one.fly(15.0, drift_mps)
+    assert one.causes()[0] is Cause.POSITION_DOUBTED_LONG
+
+
+def test_a_drift_of_both_shows_nothing() -> None:
+    one = Flown()
+    one.fly(60.0)
+    one.fly(60.0, 0.3, velocity_too=True)
+    assert one.causes() == []
+    assert one.flown is one.told
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_velocities_that_err_as_recorded_alarm_nobody(seed: int) -> None:
+    one = Flown(px4(seed))
+    for _ in range(30):
+        one.fly(10.0)
+        assert one.causes() == []
+
+
+def test_how_far_the_way_strays_is_learnt() -> None:
+    def learnt(error_mps: float) -> float:
+        way = VelocityWay()
+        for k in range(1200):
+            wrong = error_mps * math.copysign(1.0, math.sin(0.4 * k * DT_S))
+            way.update(Position((0.0, 0.0, -5.0), (wrong, 0.0, 0.0), k * DT_S), k * DT_S)
+        return way.walk_m2_per_s
+
+    assert VelocityWay().walk_m2_per_s == pytest.approx(MORE * WORST_M2_PER_S)
+    assert learnt(0.0) < 0.05 * WORST_M2_PER_S * MORE
+    assert learnt(0.3) > 3.0 * learnt(0.0)
+
+
+def test_of_a_gap_nothing_is_said() -> None:
+    way = VelocityWay()
+    assert not way.update(Position(ZERO, ZERO, 1.0), 1.0)
+    assert way.update(Position(ZERO, (2.0, 0.0, 0.0), 1.1), 1.1)
+    assert not way.update(Position(ZERO, (2.0, 0.0, 0.0), 5.0), 5.0)
+    assert way.ne_m == pytest.approx((0.1, 0.0))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_one_with_satellites_believes_its_fixes_by_velocities_that_err_as_recorded(seed: int) -> None:
+    """Where not all have GNSS. By 0.004 m2/s, of an estimator without errors, each alarmed within 50 s."""
+    noise, known = px4(seed), GlobalLocalisation(receives=True)
+    for k in range(1500):
+        now_s = k * DT_S
+        noise.step(DT_S)
+        off, wrong = noise.pos_ned_m, noise.velocity_ned_mps
+        told = Position((off[0], EAST_MPS * now_s + off[1], -8.0), (wrong[0], EAST_MPS + wrong[1], 0.0), now_s)
+        known.receive_satellites(Satellites(used=True, sd_m=0.9), now_s)
+        known.split_position(told, now_s, airborne=True)
+    assert not known.is_astray
+
+
+@pytest.mark.parametrize("quiet_s", [25.0, 60.0])
+def test_a_fix_that_is_led_away_is_not_learnt_as_an_error_of_the_velocity(quiet_s: float) -> None:
+    """By the mean of what was learnt 8.3 m after 25 s, and 5.3 m after 60 s."""
+    known, led_m, now_s = GlobalLocalisation(receives=True), 0.0, 0.0
+    while not known.is_astray and led_m < 20.0:
+        now_s += DT_S
+        led_m += 0.3 * DT_S * (now_s > quiet_s)
+        told = Position((led_m, EAST_MPS * now_s, -8.0), (0.0, EAST_MPS, 0.0), now_s)
+        known.receive_satellites(Satellites(used=True, sd_m=0.9), now_s)
+        known.split_position(told, now_s, airborne=True)
+    assert 1.0 < led_m < 4.0
