@@ -250,7 +250,7 @@ def test_a_leader_goes_by_two_of_its_followers() -> None:
         judge.gate.store(beacon(7, phase=SwarmPhase.TRANSIT, lease=own, hop=1), 1.0)
         for k in range(others):
             told = beacon(2 + k, phase=SwarmPhase.COVERAGE, lease=own, hop=1)
-            found = judge.believes_phase(told, leader, phases, 1.0, is_news=False)
+            found = judge.believes_phase(told, leader, phases, 1.0, is_news=True)
         assert found is believed
 
 
