@@ -187,7 +187,8 @@ def main(argv: Sequence[str]) -> int:
     python = os.path.abspath(args.python)
     with tempfile.TemporaryDirectory() as folder:
         found = list(tallies(Mutants(Copy(Path(folder) / "tree"), python), args.each, args.seed, args.jobs))
-    text = f'# Written by `make mutants`; only the reasons are by hand.\n\neach = {args.each}\nseed = {args.seed}\nnote = ""\n'
+    text = "# Written by `make mutants`; only reasons and note are by hand.\n\n"
+    text += f'each = {args.each}\nseed = {args.seed}\nnote = ""\n'
     text += "".join(tally.table() for tally in found)
     survivors = sorted(
         {survivor for tally in found for survivor in tally.survivors},
