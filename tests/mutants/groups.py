@@ -47,7 +47,7 @@ GROUPS: Final = (
     Group(
         "verifier of the radio",
         tuple(f"{PEERS}/{name}.py" for name in ("frame_mac", "guard", "manifest", "session", "stream")),
-        (f"{LINK}/test_signing.py", f"{LINK}/test_signing_rotation.py", f"{LINK}/test_endpoint_peers.py"),
+        (f"{LINK}/test_signing.py", f"{LINK}/test_signing_rotation.py", f"{LINK}/test_signing_words.py"),
         (f"{LINK}/test_endpoint_records.py", "tests/property/test_order_books.py"),
     ),
     Group(
