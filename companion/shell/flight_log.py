@@ -136,6 +136,7 @@ class ChangeLogger:
         endpoint = self._endpoint
         found = {
             "bad frames of the autopilot": endpoint.autopilot.bad,
+            **endpoint.autopilot_gate.counters(),
             "datagrams of the peers without a beacon": endpoint.peers.without_beacon,
             **{f"frames of the peers refused, {why}": n for why, n in sorted(endpoint.peers.guard.refused.items())},
             **endpoint.orders.counters(),

@@ -17,6 +17,7 @@ from companion.core.model.events import Position
 from companion.core.model.states import FlightState, Severity
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint
+from companion.mavlink.framing.signing import Gate
 from companion.mavlink.packing import pack_ranges
 from companion.mavlink.sensor_inputs import SensorInputs
 from companion.sensors.table import sensors_of
@@ -113,6 +114,7 @@ def watched(
     endpoint: Any = SimpleNamespace(
         id=3,
         autopilot=SimpleNamespace(bad=0),
+        autopilot_gate=Gate(takes_signed=True),
         peers=SimpleNamespace(without_beacon=0, guard=SimpleNamespace(refused={})),
         orders=SimpleNamespace(counters=dict),
         codec=SimpleNamespace(dropped=0, other_versions=0),
@@ -321,7 +323,7 @@ def test_a_flood_is_told_to_the_operator_with_the_beacons_that_are_lost(
     monkeypatch.setattr(endpoint.agent, "localiser", SimpleNamespace(neighbours=heard))
     monkeypatch.setattr(endpoint.agent, "status", lambda _now_s: status)
     told: list[Say] = []
-    monkeypatch.setattr(endpoint, "tell", told.append)
+    monkeypatch.setattr(endpoint, "queue_say", told.append)
     for second in range(9):
         peers.lost += 4120 if second == 1 else 0
         watch.log_changes(float(second), [])

@@ -210,6 +210,22 @@ def test_one_that_was_not_heard_meanwhile_may_come_from_another_part() -> None:
     assert watch.note_claim(beacon(3, lease=Lease(3, 900, 0, 10, established=True)), election, 3.0)
 
 
+def test_of_a_part_without_the_majority_another_may_come_to_lead() -> None:
+    """Found by exploration: a leader that was cut off with nobody comes back when the others have just elected."""
+    alone = Lease(1, 500, 0, 0, True, quorum=False)
+    watch, election = LeadWatch(MISSION), follower_of(alone)
+    watch.note_claim(beacon(3, lease=lease(3, 900)), election, 1.0)
+    assert watch.note_claim(beacon(3, lease=Lease(3, 901, 0, 10, established=True)), election, 1.1)
+    assert watch.may_lead(3)
+
+
+def test_a_relay_cannot_say_that_a_leader_that_is_heard_has_lost_the_majority() -> None:
+    trust, election = Trust(MISSION, 5, Priorities(MISSION)), follower_of(lease(1, 500, established=True))
+    trust.receive_lease(beacon(1, lease=lease(1, 501, established=True)), election, 1.0)
+    trust.receive_lease(beacon(3, lease=Lease(1, 502, 0, 0, True, quorum=False), hop=1), election, 1.1)
+    assert election.lease == lease(1, 502, established=True)
+
+
 def test_the_heir_that_the_leader_itself_names_may_come_to_lead() -> None:
     watch, election = LeadWatch(MISSION), follower_of(lease(1, 500, established=True))
     watch.note_claim(beacon(1, lease=lease(1, 500, established=True, heir=3, ends=510)), election, 1.0)
