@@ -26,6 +26,7 @@ GROUPS: Final = (
         ("companion/core/safety/*.py",),
         (f"{CORE}/safety",),
         (
+            f"{CORE}/perception/test_vehicle_tracks.py",
             "tests/property/test_core_trees.py",
             TRANSCRIPTS,
             "tests/property/test_core_safety_laws.py",

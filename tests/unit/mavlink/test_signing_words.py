@@ -7,13 +7,14 @@ from dataclasses import replace
 import pytest
 
 from companion.core.model.beacon import Candidate, PeerReport
-from companion.core.model.states import FlightState, SwarmPhase
+from companion.core.model.states import FlightState, Severity, SwarmPhase
 from companion.keys.crypto import Signer
 from companion.mavlink.beacon import COMPONENT
 from companion.mavlink.framing import wire
 from companion.mavlink.peers.guard import without_word
 from companion.mavlink.peers.manifest import MANIFEST_ID, Manifest, encode_manifest, read_manifest
 from tests.unit.core.core_kit import BEACON, lease
+from tests.unit.mavlink.signing_kit import Node, keyring, met
 
 
 def test_of_a_beacon_without_proof_place_velocity_and_what_slows_are_left() -> None:
@@ -54,3 +55,64 @@ def test_a_manifest_has_a_boot_and_begins_no_earlier_than_its_clock(boot: int, f
     assert (found is not None) is is_one
     if found is not None:
         assert found[0] == Manifest(boot, first, 5, (b"123456",), ((2, 9),))
+
+
+def manifest_of(node: Node, now_s: float) -> bytes:
+    proof = node.guard.proof(now_s)
+    assert proof is not None
+    return node.guard.seal_proof(wire.frame(*proof, seq=0, system=node.id, component=COMPONENT, flags=1))
+
+
+def test_each_refusal_of_a_manifest_is_counted_once_by_its_reason() -> None:
+    (one, two), now_s = met(1, 2)
+    two.guard.refused.clear()
+    frame = manifest_of(one, now_s + 2.0)
+    assert two.guard.take_proof(frame, now_s)
+    assert dict(two.guard.refused) == {}
+    for count in (1, 2):
+        assert two.guard.take_proof(frame, now_s)
+        assert dict(two.guard.refused) == {"repeated": count}
+    two.guard.refused.clear()
+    own = manifest_of(two, now_s + 2.0)
+    for count in (1, 2):
+        assert two.guard.take_proof(own, now_s)
+        assert dict(two.guard.refused) == {"own": count}
+    assert not two.guard.cloned
+    two.guard.refused.clear()
+    forged = bytearray(manifest_of(one, now_s + 4.0))
+    forged[-1] ^= 1
+    for count in (1, 2):
+        assert two.guard.take_proof(bytes(forged), now_s)
+        assert dict(two.guard.refused) == {"forged manifest": count}
+
+
+def test_manifests_of_one_that_is_no_member_are_counted_and_its_name_told_once() -> None:
+    ring = keyring(2)
+    without = {k: key for k, key in ring.vehicles.items() if k != 1}
+    one, two = Node(1), Node(2, ring=replace(ring, vehicles=without))
+    for count in (1, 2, 3):
+        assert two.guard.take_proof(manifest_of(one, 10.0 * count), 5.0)
+        assert dict(two.guard.refused) == {"of no member": count}
+    assert [(say.severity, say.text) for say in two.guard.take_says()] == [
+        (Severity.WARNING, "vehicle 1 is not of this fleet, or revoked: ignored")
+    ]
+
+
+def test_a_second_companion_of_one_name_is_told_as_critical_by_both() -> None:
+    (one, two), now_s = met(1, 2)
+    clone = Node(1, boot=66)
+    clone.guard.take_proof(manifest_of(two, now_s + 1.0), now_s)
+    clones = manifest_of(clone, now_s + 1.0)  # it has heard vehicle 2, so vehicle 2 might meet it
+    two.receive(one.send(now_s), now_s)
+    two.guard.refused.clear()
+    two.guard.take_proof(clones, now_s)
+    assert dict(two.guard.refused) == {"twice": 1}
+    text = "vehicle 1 is there twice: the later is ignored"
+    assert [(say.severity, say.text) for say in two.guard.take_says()] == [(Severity.CRITICAL, text)]
+    one.guard.take_proof(clones, now_s)
+    assert not one.guard.cloned  # it does not hear this one yet: a recording looks the same
+    clone.guard.take_proof(manifest_of(one, now_s + 1.0), now_s)
+    one.guard.take_proof(manifest_of(clone, now_s + 3.0), now_s)
+    assert one.guard.cloned
+    text = "another companion flies as vehicle 1"
+    assert [(say.severity, say.text) for say in one.guard.take_says()] == [(Severity.CRITICAL, text)]

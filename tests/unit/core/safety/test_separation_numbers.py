@@ -1,0 +1,80 @@
+"""Bounds on closing in, number by number, where flights alone came by."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from companion.core.model.events import Position
+from companion.core.model.states import FlightState
+from companion.core.model.vectors import ZERO, norm
+from companion.core.perception.obstacle_cloud import LocalObstacleCloud
+from companion.core.perception.vehicle_tracks import SeenVehicle
+from companion.core.safety.clearance import MARGIN_M
+from companion.core.safety.safety_filter import AGE_WIDENS_MPS, UNSHARED_M, SafetyFilter
+from companion.core.safety.surroundings import Surroundings
+from mission.common.frames import Vec3
+from tests.unit.core.core_kit import mission, neighbour
+
+OPEN = SafetyFilter.of(mission())
+SENSES = replace(OPEN, senses=True)
+OWN = Position((0.0, 0.0, -8.0), (1.0, -0.5, 0.25), None)
+DRIFT: Vec3 = (0.3, -0.2, 0.1)
+
+
+def around(*, neighbours: tuple = (), seen: tuple = ()) -> Surroundings:  # type: ignore[type-arg]
+    cloud = LocalObstacleCloud(math.inf, (False,))
+    return Surroundings(OWN, neighbours, {}, cloud, seen=seen)
+
+
+@pytest.mark.parametrize("rel", [(9.0, 4.0, 0.0), (-7.0, 6.0, 0.0), (3.0, -2.0, 0.0)])
+@pytest.mark.parametrize("vel", [(1.0, 0.5, 0.0), (-2.0, 1.0, 0.0)])
+def test_one_that_is_only_seen_is_closed_on_by_what_is_known_of_it(rel: Vec3, vel: Vec3) -> None:
+    vehicle = SeenVehicle(rel, vel, 0.4, 0.7)
+    (bound,) = OPEN.separations(around(seen=(vehicle,)), DRIFT)
+    unit = tuple(k / norm(rel) for k in rel)
+    assert bound.along == pytest.approx(unit)
+    room_m = norm(rel) - OPEN.hard_separation_m - MARGIN_M - 0.7 * AGE_WIDENS_MPS - 0.4
+    its_mps = sum(a * b for a, b in zip(vel, unit, strict=True))
+    drift_mps = sum(a * b for a, b in zip(DRIFT, unit, strict=True))
+    assert bound.most_mps == pytest.approx(OPEN.response.closing_mps(room_m) + its_mps - drift_mps)
+
+
+@pytest.mark.parametrize("rel", [ZERO, (math.inf, 0.0, 0.0), (math.nan, 0.0, 0.0)])
+def test_one_that_is_seen_nowhere_bounds_nothing(rel: Vec3) -> None:
+    beside = SeenVehicle((9.0, 0.0, 0.0), ZERO, 0.1, 0.0)
+    for seen in ((SeenVehicle(rel, ZERO, 0.1, 0.0), beside), (beside, SeenVehicle(rel, ZERO, 0.1, 0.0))):
+        assert len(OPEN.separations(around(seen=seen))) == 1
+
+
+@pytest.mark.parametrize("rel", [(7.0, 4.0, -2.0), (-8.0, 3.0, 1.0)])
+@pytest.mark.parametrize("vel", [(1.5, 0.5, -0.3), (-1.0, 2.0, 0.2)])
+@pytest.mark.parametrize("error_m", [0.0, 2.0])
+def test_one_that_is_heard_is_closed_on_by_half_each_and_among_trees_no_faster_than_it_may_stop_behind_it(
+    rel: Vec3, vel: Vec3, error_m: float
+) -> None:
+    other = neighbour(2, rel, vel_ned_mps=vel, age_s=0.2, late_s=0.4, position_error_m=error_m)
+    assert other.gives_way
+    n = tuple(k / norm(rel) for k in rel)
+    its_mps, own_mps, drift_mps = (sum(a * b for a, b in zip(v, n, strict=True)) for v in (vel, OWN.vel_ned_mps, DRIFT))
+    strayed_m = 0.2 * AGE_WIDENS_MPS + 0.5 * OPEN.acceleration_max_mps2 * 0.4**2 + error_m
+    room_m = norm(rel) - OPEN.hard_separation_m - MARGIN_M - strayed_m
+    response = OPEN.response
+    shared_mps = response.closing_mps(room_m) / 2.0 + (own_mps + its_mps) / 2.0
+    for one, extra_mps in ((OPEN, math.inf), (SENSES, response.behind_mps(room_m + UNSHARED_M, its_mps))):
+        expected_mps = min(shared_mps, extra_mps)
+        if error_m:  # its word frees nothing
+            expected_mps = min(expected_mps, response.closing_mps(room_m) + min(0.0, its_mps))
+        (bound,) = one.separations(around(neighbours=(other,)), DRIFT)
+        assert bound.along == pytest.approx(n)
+        assert bound.most_mps == pytest.approx(expected_mps - drift_mps)
+
+
+def test_one_that_does_not_give_way_is_given_it_all() -> None:
+    other = neighbour(2, (8.0, 0.0, 0.0), vel_ned_mps=(-9e9, 0.0, 0.0), state=FlightState.RELEASED, airborne=True)
+    assert not other.gives_way
+    (bound,) = OPEN.separations(around(neighbours=(other,)))
+    room_m = 8.0 - OPEN.hard_separation_m - MARGIN_M
+    assert bound.most_mps == pytest.approx(OPEN.response.closing_mps(room_m) - OPEN.speed_max_mps)  # none is faster
