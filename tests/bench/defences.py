@@ -1,8 +1,8 @@
 """Counts which defences acted in flights of the search: `python -m tests.bench defences`.
 
 Flies the missions that `sim-bridge search` draws of these seeds, by the same stack, and looks at every companion in
-every tick: the failsafe that decides, the limits that cut its setpoint, what it says, what it dropped unread or refused. What is
-written with `--write` is what docs/reference/hazards.md shows.
+every tick: the failsafe that decides, the limits that cut its setpoint, what it says, what it dropped or refused. What
+is written with `--write` is what docs/reference/hazards.md shows.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ GROUPS: Final = (
     Group(
         "orders",
         ("companion/mavlink/orders/*.py",),
-        (f"{LINK}/test_order_book.py", f"{LINK}/test_orders.py", f"{LINK}/test_endpoint_orders.py"),
+        tuple(f"{LINK}/test_{name}.py" for name in ("order_book", "order_choices", "orders", "endpoint_orders")),
         ("tests/property/test_order_books.py", "tests/unit/order"),
     ),
 )

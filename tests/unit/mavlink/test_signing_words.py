@@ -9,12 +9,19 @@ import pytest
 from companion.core.model.beacon import Candidate, PeerReport
 from companion.core.model.states import FlightState, Severity, SwarmPhase
 from companion.keys.crypto import Signer
+from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink.beacon import COMPONENT
 from companion.mavlink.framing import wire
-from companion.mavlink.peers.guard import without_word
+from companion.mavlink.own_messages import decode_beacon
+from companion.mavlink.peers.frame_mac import mac_of, seal
+from companion.mavlink.peers.guard import CHECKS_MAX, CHECKS_S, without_word
 from companion.mavlink.peers.manifest import MANIFEST_ID, Manifest, encode_manifest, read_manifest
+from companion.mavlink.peers.session import open_session
+from companion.mavlink.peers.stream import AHEAD_S, Stream
 from tests.unit.core.core_kit import BEACON, lease
 from tests.unit.mavlink.signing_kit import Node, keyring, met
+
+pytestmark = pytest.mark.sources
 
 
 def test_of_a_beacon_without_proof_place_velocity_and_what_slows_are_left() -> None:
@@ -116,3 +123,84 @@ def test_a_second_companion_of_one_name_is_told_as_critical_by_both() -> None:
     assert one.guard.cloned
     text = "another companion flies as vehicle 1"
     assert [(say.severity, say.text) for say in one.guard.take_says()] == [(Severity.CRITICAL, text)]
+
+
+def test_so_many_signatures_are_checked_in_a_second_and_no_more() -> None:
+    (one, two), now_s = met(1, 2)
+    two.guard.take_proof(manifest_of(one, now_s + 2.0), now_s + 2.0)  # of which on the second counts
+    for begins_s, checked in ((now_s + 2.0, CHECKS_MAX - 1), (now_s + 2.0 + CHECKS_S, CHECKS_MAX)):
+        two.guard.refused.clear()
+        for k in range(checked + 5):
+            two.guard.take_proof(manifest_of(one, 100.0 * begins_s + 2.0 * k), begins_s)
+        assert dict(two.guard.refused) == {"too many manifests": 5}
+
+
+def test_after_a_pause_a_sender_may_be_ahead_by_as_much() -> None:
+    (one, two), now_s = met(1, 2)
+    for pause_s in (2.0, 30.0):
+        now_s += pause_s
+        two.receive(one.send(now_s)[:1], now_s)
+        assert two.heard, pause_s
+        two.heard.clear()
+    two.guard.refused.clear()
+    two.receive(one.send(now_s + AHEAD_S + 0.5)[:1], now_s)
+    assert dict(two.guard.refused) == {"ahead of its sender's clock": 1}
+    assert two.heard == []
+
+
+def test_what_is_left_of_a_beacon_is_where_its_sender_is() -> None:
+    (one, two), now_s = met(1, 2)
+    one.says["done"] = 7  # a word that its sender has not vouched for
+    frame = one.send(now_s + 0.1)[0]
+    fields = swarm_beacon.unpack(frame)
+    assert fields is not None
+    told = decode_beacon(frame[5], fields)
+    assert two.guard.admits(frame, now_s + 0.1, told)
+    left = two.guard.believe(swarm_beacon.Decoded(1, told, (1.0, 2.0, 3.0)), 1, now_s + 0.1)
+    assert left.said == without_word(told)
+    assert (left.version, left.pos_ned_m) == (1, (1.0, 2.0, 3.0))
+
+
+def test_a_manifest_of_one_frame_vouches_for_it() -> None:
+    stream, told = Stream(7, 4, 0.0), replace(BEACON, done=3)
+    frame = seal(wire.frame(0, b"x", seq=0, system=1, component=COMPONENT, flags=1), b"k" * 32, 0, 5)
+    stream.take_frame(frame, told, 1.0, named=True)
+    assert not stream.is_proven(told, 1.0)
+    assert stream.vouch(Manifest(7, 5, 5, (mac_of(frame),), ()), 1.0)
+    assert stream.is_proven(told, 1.0)
+    assert not stream.is_proven(replace(told, done=1), 1.0)
+
+
+def test_one_that_speaks_as_another_is_told_as_critical() -> None:
+    (one, two), now_s = met(1, 2)
+    false = Node(1)
+    false.guard._own_key = one.guard._own_key
+    two.receive(false.send(now_s + 0.05)[:1], now_s + 0.05)
+    two.guard.take_says()
+    one.send(now_s + 0.1)
+    two.guard.take_proof(manifest_of(one, now_s + 2.0), now_s + 0.1)
+    text = "somebody speaks as vehicle 1: it only slows"
+    assert [(say.severity, say.text) for say in two.guard.take_says()] == [(Severity.CRITICAL, text)]
+
+
+def test_a_sealed_frame_that_makes_no_sense_as_a_manifest_is_none() -> None:
+    (one, two), now_s = met(1, 2)
+    payload = encode_manifest(Manifest(0, 2, 5, (), ()), 1, Signer(bytes(32)))
+    frame = one.guard.seal_proof(wire.frame(MANIFEST_ID, payload, seq=0, system=1, component=COMPONENT, flags=1))
+    assert not two.guard.take_proof(frame, now_s)
+    assert not two.guard.take_proof(one.send(now_s)[0], now_s)  # nor is a beacon one
+
+
+def test_an_own_frame_that_comes_back_is_counted_as_such() -> None:
+    (one, two), now_s = met(1, 2)
+    one.guard.refused.clear()
+    one.receive(one.send(now_s)[:1], now_s)
+    assert dict(one.guard.refused) == {"own": 1}
+    assert two.guard.flags == 1
+
+
+@pytest.mark.parametrize("boot", [0, -1, 1 << 32])
+def test_a_boot_has_32_bits_and_is_not_none(boot: int) -> None:
+    with pytest.raises(ValueError, match=rf"boot {boot}: must be 1\.\.2\^32-1"):
+        open_session(keyring(1), 1, bytes(32), boot)
+    assert open_session(keyring(1), 1, bytes(32), (1 << 32) - 1).boot == (1 << 32) - 1

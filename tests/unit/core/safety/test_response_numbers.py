@@ -14,7 +14,12 @@ from companion.core.model.vectors import ZERO
 from companion.core.perception.obstacle_cloud import ObstacleKind
 from companion.core.safety.clearance import ADDED_M, Use, clearance_m
 from companion.core.safety.disturbance import (
+    AHEAD_TICKS,
     CALM_MPS,
+    DEAD_TICKS,
+    FOLLOW,
+    LIMIT_MPS,
+    MEMORY_S,
     DisturbanceEstimator,
     DisturbanceObserver,
     WindObserver,
@@ -243,3 +248,50 @@ def test_a_clearance_is_what_an_obstacle_has_and_what_its_use_adds(kind: Obstacl
     added_m = sum(ADDED_M[kind, use])
     assert clearance_m(kind, use) == pytest.approx(added_m)
     assert clearance_m(kind, use, 2.0) == pytest.approx(2.0 + added_m)
+
+
+# --- the estimator ---
+
+
+class Reference:
+    """The estimator for vehicles that follow with a lag, in complex numbers."""
+
+    def __init__(self) -> None:
+        self.models = [{"under_way": [0j] * dead, "u": 0j, "off": 0j, "misses2": 0.0} for dead in DEAD_TICKS]
+        self.level, self.square, self.past, self.begins = 0j, 0.0, [], True
+
+    def estimate(self, vel: complex, told: complex, dt_s: float, most_mps2: float) -> None:
+        if self.begins:
+            self.begins = False
+            for model in self.models:
+                model |= {"under_way": [0j] * len(model["under_way"]), "u": vel, "off": 0j}
+            return
+        for model in self.models:
+            model["under_way"].append(told)
+            acts = model["under_way"].pop(0)
+            model["u"] += cut((1.0 - math.exp(-dt_s / LAG_S)) * (acts - model["u"]), most_mps2 * dt_s)
+            off = vel - model["u"]
+            model["misses2"] += min(1.0, dt_s / MEMORY_S) * (abs(off - model["off"]) ** 2 - model["misses2"])
+            model["off"] = off
+        off = min(self.models, key=lambda model: model["misses2"])["off"]
+        self.level = cut(self.level + FOLLOW * (off - self.level), LIMIT_MPS)
+        self.past.append(self.level)
+        if len(self.past) > AHEAD_TICKS:
+            square = abs(off - self.past.pop(0)) ** 2
+            self.square += min(1.0, dt_s / MEMORY_S) * (square - self.square)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("gust_mps", [0.3, 5.0])
+def test_estimator_is_the_same_in_complex_numbers(seed: int, gust_mps: float) -> None:
+    rng, estimator, reference = random.Random(seed), DisturbanceEstimator(), Reference()
+    assert estimator.level_mps == (0.0, 0.0)
+    told = 0j
+    for k in range(200):
+        if k % 20 == 0:
+            told = complex(rng.uniform(-2.0, 2.0), rng.uniform(-2.0, 2.0))
+        vel = told + gust_mps * complex(rng.uniform(-1.0, 1.0), rng.uniform(0.0, 1.0))
+        estimator.estimate_disturbance(level(vel), level(told), 0.05, 3.0)
+        reference.estimate(vel, told, 0.05, 3.0)
+        assert complex(*estimator.level_mps) == pytest.approx(reference.level, abs=1e-9)
+        assert estimator.change_mps == pytest.approx(max(0.0, math.sqrt(reference.square) - CALM_MPS))

@@ -12,6 +12,7 @@ from companion.core.model.states import FlightState
 from companion.core.model.vectors import ZERO, norm
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.perception.vehicle_tracks import SeenVehicle
+from companion.core.safety.bounds import Bound, step_towards
 from companion.core.safety.clearance import MARGIN_M
 from companion.core.safety.safety_filter import AGE_WIDENS_MPS, UNSHARED_M, SafetyFilter
 from companion.core.safety.surroundings import Surroundings
@@ -78,3 +79,29 @@ def test_one_that_does_not_give_way_is_given_it_all() -> None:
     (bound,) = OPEN.separations(around(neighbours=(other,)))
     room_m = 8.0 - OPEN.hard_separation_m - MARGIN_M
     assert bound.most_mps == pytest.approx(OPEN.response.closing_mps(room_m) - OPEN.speed_max_mps)  # none is faster
+
+
+def test_a_velocity_that_is_no_number_is_taken_for_none() -> None:
+    for vel in (math.nan, math.inf):
+        other = neighbour(2, (8.0, 0.0, 0.0), vel_ned_mps=(vel, 0.0, 0.0), state=FlightState.RELEASED, airborne=True)
+        (bound,) = OPEN.separations(around(neighbours=(other,)))
+        room_m = 8.0 - OPEN.hard_separation_m - MARGIN_M
+        assert bound.most_mps == pytest.approx(OPEN.response.closing_mps(room_m))
+
+
+def test_setpoint_before_is_shortened_as_far_as_the_bounds_demand_and_then_goes_a_step() -> None:
+    ahead = Bound((1.0, 0.0, 0.0), 1.5)
+    assert step_towards(ZERO, (3.0, 0.0, 0.0), [ahead], 0.1) == pytest.approx((1.4, 0.0, 0.0))
+    assert step_towards((3.0, 0.0, 0.0), (3.0, 0.0, 0.0), [ahead], 0.1) == pytest.approx((3.0, 0.0, 0.0))
+    away = Bound((1.0, 0.0, 0.0), -1.0)
+    assert step_towards((0.0, 1.0, 0.0), (3.0, 0.0, 0.0), [away], 0.1) == pytest.approx((0.0, 0.1, 0.0))
+    both = [ahead, Bound((0.0, 1.0, 0.0), 0.5)]
+    assert step_towards(ZERO, (3.0, 2.0, 0.0), both, 0.0) == pytest.approx((0.75, 0.5, 0.0))
+
+
+def test_fence_and_trunks_go_by_where_the_mission_has_the_vehicle() -> None:
+    cloud = LocalObstacleCloud(math.inf, (False,))
+    off = Surroundings(OWN, (), {}, cloud, off_ned_m=(1.0, 2.0, 3.0))
+    assert (off.placed.pos_ned_m, off.placed.vel_ned_mps) == ((1.0, 2.0, -5.0), OWN.vel_ned_mps)
+    assert off.own is OWN
+    assert Surroundings(OWN, (), {}, cloud).placed is OWN

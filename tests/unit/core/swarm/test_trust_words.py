@@ -313,3 +313,22 @@ def test_a_short_link_is_one_by_the_missions_range() -> None:
     judge, holds = trust(), [neighbour(3, (9.0, 0.0, 0.0), governor=0.0)]
     judge.filter_followers(holds, 0.0)
     assert judge.filter_followers(holds, PATIENCE_S + 0.1) == []
+
+
+def test_whether_it_is_back_the_gate_judges_by_the_own_odometry() -> None:
+    phases, judge, election = Phases(MISSION), trust(), follower_of(OWN)
+    phases.adopt_phase(SwarmPhase.GATHER, 0.0)
+    judge.run_period(own_picture(0.0), election, phases, is_held=False)
+    for phase in (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE, SwarmPhase.RETURN):
+        phases.adopt_phase(phase, 1.0)
+    judge.run_period(own_picture(1.0, (120.0, 0.0, 0.0)), election, phases, is_held=False)
+    assert not judge.gate.is_possible(SwarmPhase.LAND, 0, phases, 2.0)
+    judge.run_period(own_picture(2.0, (5.0, 0.0, 0.0)), election, phases, is_held=False)
+    assert judge.gate.is_possible(SwarmPhase.LAND, 0, phases, 2.0)
+
+
+def test_of_three_vehicles_one_is_doubted_at_most() -> None:
+    blocked = Blocklist(3)
+    for vehicle in (2, 3):
+        blocked.note_doubt(vehicle, "lies", DOUBT_LIMIT, 1.0)
+    assert (blocked.has(2), blocked.has(3)) == (True, False)
