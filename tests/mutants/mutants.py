@@ -101,7 +101,7 @@ class Mutants:
         return dict(sorted(found.items()))
 
     def is_noticed(self, name: str, tests: Sequence[str]) -> bool:
-        """One of these tests fails, or does not end."""
+        """One of these tests fails, or does not end. `name`: empty: without a mutant."""
         env = self._copy.env | {"PYTHONPATH": str(self.made), "MUTANT_UNDER_TEST": name}
         command = [self._mutmut, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
         try:
@@ -159,6 +159,8 @@ def tallies(mutants: Mutants, each: int, seed: int, jobs: int) -> Iterator[Tally
         names = drawn[group.name]
         # what crashed in a way that mutmut does not know is for the slow tests, too
         left = [name for name in names if codes[name] not in (*KILLED, *TIMED_OUT)]
+        if left and mutants.is_noticed("", group.slow):
+            raise RuntimeError(f"{group.name}: a slow test fails without a mutant, too")
         with ThreadPoolExecutor(jobs) as pool:
             noticed = list(pool.map(partial(mutants.is_noticed, tests=group.slow), left))
         survivors = [mutants.survivor(name) for name, is_noticed in zip(left, noticed, strict=True) if not is_noticed]

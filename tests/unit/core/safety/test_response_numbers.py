@@ -42,6 +42,8 @@ from companion.core.safety.response_model import (
     follow_lagged,
     follow_shaped,
 )
+from companion.core.safety.safety_filter import SafetyFilter
+from companion.core.safety.surroundings import Surroundings
 from tests.unit.core.core_kit import mission
 
 pytestmark = pytest.mark.sources
@@ -248,6 +250,32 @@ def test_a_clearance_is_what_an_obstacle_has_and_what_its_use_adds(kind: Obstacl
     added_m = sum(ADDED_M[kind, use])
     assert clearance_m(kind, use) == pytest.approx(added_m)
     assert clearance_m(kind, use, 2.0) == pytest.approx(2.0 + added_m)
+
+
+class Bare(Asked):
+    """Without trunks of the mission."""
+
+    trunks = ()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_filter_verifies_what_is_flown_and_not_what_is_told(seed: int) -> None:
+    """The wind's part is added to the setpoint before, and to the one that is tried."""
+    rng = random.Random(seed)
+    vel, last, told, drift = (complex(rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5)) for _ in range(4))
+    cloud: Any = Bare()
+    own = Position((0.0, 0.0, -8.0), (*level(vel), 0.0), None)
+    around = Surroundings(own, (), {}, cloud, bias_ned_mps=(*level(drift), 0.0), commanded_ned_mps=(*level(last), 0.0))
+    safety_filter = SafetyFilter.of(mission(sensing={"range_m": 12.0}))
+    setpoint = safety_filter.apply((*level(told), 0.0), around, dt_s=0.05)
+    tried = complex(*setpoint.vel_ned_mps[:2])
+    response = safety_filter.response
+    limits = (response.acceleration_mps2, response.braking_mps2)
+    assert limits == pytest.approx((MODEL.acceleration_mps2, MODEL.braking_mps2))
+    expected = ways(vel, last + drift, tried + drift, 0.05, CALM, slews=False)
+    assert len(cloud.calls) == len(expected)
+    for asked, wanted in zip(cloud.calls, expected, strict=True):
+        assert asked == pytest.approx(wanted, abs=1e-9)
 
 
 # --- the estimator ---

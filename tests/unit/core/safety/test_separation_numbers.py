@@ -12,7 +12,7 @@ from companion.core.model.states import FlightState
 from companion.core.model.vectors import ZERO, norm
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.perception.vehicle_tracks import SeenVehicle
-from companion.core.safety.bounds import Bound, step_towards
+from companion.core.safety.bounds import Bound, find_nearest, step_towards
 from companion.core.safety.clearance import MARGIN_M
 from companion.core.safety.safety_filter import AGE_WIDENS_MPS, UNSHARED_M, SafetyFilter
 from companion.core.safety.surroundings import Surroundings
@@ -105,3 +105,15 @@ def test_fence_and_trunks_go_by_where_the_mission_has_the_vehicle() -> None:
     assert (off.placed.pos_ned_m, off.placed.vel_ned_mps) == ((1.0, 2.0, -5.0), OWN.vel_ned_mps)
     assert off.own is OWN
     assert Surroundings(OWN, (), {}, cloud).placed is OWN
+
+
+def test_where_a_limit_pushes_all_separations_give_as_little_as_can_be() -> None:
+    limits = [Bound((-1.0, 0.0, 0.0), -0.3)]
+    separations = [Bound((1.0, 0.0, 0.0), 0.1), Bound((0.0, 1.0, 0.0), -1.0)]
+    assert find_nearest(ZERO, limits, separations) == pytest.approx((0.3, -0.8, 0.0), abs=0.04)
+
+
+def test_in_a_sharp_corner_without_anybody_it_rests() -> None:
+    """No pass over the bounds gets out of it, and nobody is there to give way."""
+    sharp = [Bound((1.0, 0.0, 0.0), 0.0), Bound((-math.cos(0.1), math.sin(0.1), 0.0), 0.0)]
+    assert find_nearest((1.0, 10.0, 0.0), sharp, []) == ZERO

@@ -228,8 +228,11 @@ def test_leaders_own_word_is_its_last_beacon_while_that_is_fresh() -> None:
 
 
 def test_where_it_leads_is_what_was_told_last_in_the_first_second() -> None:
-    watch, phases = set_out()
-    watch.find_fault(START, (0.0, 900.0, 0.0), phases, 1.2, follows=True)  # not so,
+    watch, phases = LeadWatch(MISSION), Phases(MISSION)
+    phases.adopt_phase(SwarmPhase.GATHER, 0.0)
+    watch.find_fault(START, None, phases, 0.0, follows=True)
+    phases.adopt_phase(SwarmPhase.TRANSIT, 1.0)
+    watch.find_fault(START, (0.0, 900.0, 0.0), phases, 1.0, follows=True)  # not so,
     watch.find_fault(START, FIRST, phases, 1.5, follows=True)  # and taken back
     beside = add(START, (0.0, 300.0, 0.0))
     found = [watch.find_fault(beside, None, phases, 3.0 + 0.1 * k, follows=True) for k in range(LEFT_PERIODS + 2)]
