@@ -14,7 +14,7 @@ from companion.mavlink.beacon import COMPONENT
 from companion.mavlink.framing import wire
 from companion.mavlink.own_messages import decode_beacon
 from companion.mavlink.peers.frame_mac import mac_of, seal
-from companion.mavlink.peers.guard import CHECKS_MAX, CHECKS_S, without_word
+from companion.mavlink.peers.guard import CHECKS_MAX, CHECKS_S, OpenGuard, without_word
 from companion.mavlink.peers.manifest import MANIFEST_ID, Manifest, encode_manifest, read_manifest
 from companion.mavlink.peers.session import open_session
 from companion.mavlink.peers.stream import AHEAD_S, Stream
@@ -204,3 +204,28 @@ def test_a_boot_has_32_bits_and_is_not_none(boot: int) -> None:
     with pytest.raises(ValueError, match=rf"boot {boot}: must be 1\.\.2\^32-1"):
         open_session(keyring(1), 1, bytes(32), boot)
     assert open_session(keyring(1), 1, bytes(32), (1 << 32) - 1).boot == (1 << 32) - 1
+
+
+def test_frames_that_no_manifest_names_dispute_nobody() -> None:
+    """Records go beside beacons, and are many."""
+    (one, two), now_s = met(1, 2)
+    record = wire.frame(0, b"x", seq=0, system=1, component=COMPONENT, flags=1)
+    for k in range(3):
+        assert two.guard.admits(one.guard.seal(record, now_s + 0.01 * k, named=False), now_s, named=False)
+    assert two.receive(one.send(now_s + 0.1), now_s + 0.1) == [(1, True)]
+    two.guard.take_proof(manifest_of(one, now_s + 2.0), now_s + 0.1)
+    assert "disowned" not in two.guard.refused
+    assert two.guard.take_says() == []
+
+
+def test_a_frame_with_a_wrong_mac_is_counted_as_forged() -> None:
+    (one, two), now_s = met(1, 2)
+    two.guard.refused.clear()
+    frame = one.send(now_s)[0]
+    two.receive([frame[:-1] + bytes([frame[-1] ^ 1])], now_s)
+    assert dict(two.guard.refused) == {"forged, or of another boot": 1}
+
+
+def test_a_radio_without_keys_grounds_nobody() -> None:
+    open_guard = OpenGuard()
+    assert (open_guard.cloned, open_guard.flags, dict(open_guard.refused)) == (False, 0, {})

@@ -323,3 +323,29 @@ def test_estimator_is_the_same_in_complex_numbers(seed: int, gust_mps: float) ->
         reference.estimate(vel, told, 0.05, 3.0)
         assert complex(*estimator.level_mps) == pytest.approx(reference.level, abs=1e-9)
         assert estimator.change_mps == pytest.approx(max(0.0, math.sqrt(reference.square) - CALM_MPS))
+
+
+def test_what_is_under_way_is_where_the_shaped_vehicle_drifts_until_a_setpoint_acts() -> None:
+    """It flies as its make shapes it, and wind adds a constant."""
+    estimator, wind = DisturbanceEstimator(), 0.4 - 0.3j
+    estimator.adopt_shaping(SHAPING)
+    rng, v, a = random.Random(5), (0.0, 0.0), (0.0, 0.0)
+    waits = [(0.0, 0.0)] * round(SHAPING.dead_s / STEP_S)
+    estimator.estimate_disturbance((0.0, 0.0), (0.0, 0.0), STEP_S, 3.0)
+    told = (0.0, 0.0)
+    for k in range(400):
+        if k % 15 == 0:
+            told = (rng.uniform(-2.0, 2.0), rng.uniform(-2.0, 2.0))
+        waits.append(told)
+        v, a = follow_shaped(v, a, waits.pop(0), STEP_S, 3.0, SHAPING)
+        estimator.estimate_disturbance(level(complex(*v) + wind), told, STEP_S, 3.0)
+    assert estimator.dead_s == SHAPING.dead_s + DEAD_S
+    assert complex(*estimator.level_mps) == pytest.approx(wind, abs=0.02)
+    place, u, b = 0j, v, a
+    for acts in waits:
+        u, b = follow_shaped(u, b, acts, STEP_S, 3.0, SHAPING)
+        place += (complex(*u) + wind) * STEP_S
+    found = estimator.under_way(STEP_S, 3.0)
+    assert found is not None
+    assert complex(*found[:2]) == pytest.approx(place, abs=1e-6)
+    assert complex(*found[2:]) == pytest.approx(complex(*u) - complex(*v), abs=1e-6)

@@ -14,6 +14,8 @@ from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.perception.vehicle_tracks import SeenVehicle
 from companion.core.safety.bounds import Bound, find_nearest, step_towards
 from companion.core.safety.clearance import MARGIN_M
+from companion.core.safety.descent import LANDING_ROOM_M, LandingRoom
+from companion.core.safety.rest import PULL_MAX_MPS, PULL_PER_S, SLACK_M, RestHold
 from companion.core.safety.safety_filter import AGE_WIDENS_MPS, UNSHARED_M, SafetyFilter
 from companion.core.safety.surroundings import Surroundings
 from mission.common.frames import Vec3
@@ -117,3 +119,16 @@ def test_in_a_sharp_corner_without_anybody_it_rests() -> None:
     """No pass over the bounds gets out of it, and nobody is there to give way."""
     sharp = [Bound((1.0, 0.0, 0.0), 0.0), Bound((-math.cos(0.1), math.sin(0.1), 0.0), 0.0)]
     assert find_nearest((1.0, 10.0, 0.0), sharp, []) == ZERO
+
+
+@pytest.mark.parametrize(("off_m", "pull_mps"), [(0.1, 0.0), (0.4, PULL_PER_S * (0.4 - SLACK_M)), (1.4, PULL_MAX_MPS)])
+def test_rest_pulls_back_in_proportion_to_what_it_is_off(off_m: float, pull_mps: float) -> None:
+    rest = RestHold()
+    rest.hold(Position((5.0, 7.0, -8.0), ZERO, None), ZERO, 1.0)
+    off = Position((5.0 + 0.6 * off_m, 7.0 - 0.8 * off_m, -8.0), ZERO, None)
+    assert rest.hold(off, ZERO, 1.1) == pytest.approx((-0.6 * pull_mps, 0.8 * pull_mps, 0.0))
+
+
+def test_room_to_land_is_what_it_says() -> None:
+    for nearest_m, has in ((LANDING_ROOM_M, True), (LANDING_ROOM_M - 0.01, False)):
+        assert LandingRoom(mission()).is_clear([], {}, nearest_m, 1.0) is has

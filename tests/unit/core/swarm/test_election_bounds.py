@@ -255,3 +255,15 @@ def test_an_heir_has_the_majority_from_the_leader_that_hands_over_to_it(
     assert election.inherits_quorum(2) is inherits
     assert not leader_of_long_standing().inherits_quorum(99)
     assert not Election(9, 0).inherits_quorum(99)
+
+
+def test_a_leader_that_may_not_lead_gives_up_when_its_heir_is_gone_before_its_time() -> None:
+    election = leader_of_long_standing(score=9)
+    for _ in range(30):
+        step(election, score=9, heard=said(election.lease, candidate=Candidate(7, 0, 5)))
+    step(election, 2, eligible=False, heard=said(election.lease, candidate=Candidate(7, 0, 5)))
+    assert election.acts
+    assert election.lease is not None
+    assert election.lease.ends > 0
+    step(election, eligible=False)
+    assert (election.role, election.lease) == (Role.UNLED, None)
