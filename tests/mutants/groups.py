@@ -58,7 +58,3 @@ GROUPS: Final = (
         ("tests/property/test_order_books.py", "tests/unit/order"),
     ),
 )
-# Looks at objects' identity, which mutmut's calls by way of a dispatcher do not keep
-LEFT_OUT: Final = (
-    f"{LINK}/test_endpoint_peers.py::test_receivers_that_share_a_reader_hear_what_others_hear_and_decode_each_frame_once",
-)

@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from tests.mutants.copy_of_tree import ROOT, Copy
-from tests.mutants.groups import GROUPS, LEFT_OUT, Group
+from tests.mutants.groups import GROUPS, Group
 
 TABLE: Final = ROOT / "docs" / "mutants.toml"
 KILLED: Final = (1, 3, 37)  # exit codes as mutmut keeps them: a test failed
@@ -79,7 +79,6 @@ class Mutants:
             "source_paths": ["companion"],
             "only_mutate": [pattern for group in GROUPS for pattern in group.files],
             "pytest_add_cli_args_test_selection": quick,
-            "pytest_add_cli_args": [word for test in LEFT_OUT for word in ("--deselect", test)],
             "also_copy": ["mission", "sim_bridge", "tests", "docs", "CHANGELOG.md", "Makefile"],
         }
         with (copy.folder / "pyproject.toml").open("a", encoding="utf-8") as file:
