@@ -350,7 +350,7 @@ ROWS: tuple[Row, ...] = (
         Severity.WARNING,
         "land: no quorum for {delay_s} s",
         delay_s=120.0,  # it holds so long for the others
-        lingers_s=3.0,  # a new leader counts as having the majority for a second: only then it has
+        lingers_s=3.0,  # longer than links that come and go while parts draw near
     ),
     Row(
         Cause.OBSTACLES_LOST,
