@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 from companion.core.model.beacon import RelativeReport
 from companion.keys.keyring import OPERATOR
 from companion.mavlink.framing import wire
 from companion.mavlink.own_messages import encode_relative_report
 from companion.mavlink.peers.frame_mac import seal
+from companion.mavlink.peers.guard import CHECKS_MAX
 from companion.mavlink.peers.manifest import MANIFEST_ID, Manifest, encode_manifest, read_manifest
 from companion.mavlink.peers.session import BASE_ID, open_session
 from companion.mavlink.relative import RELATIVE_ID
@@ -167,3 +171,19 @@ def test_tables_are_bounded() -> None:
     for k in range(256):
         one.receive_datagram(beacon(k), now_s)
     assert len(one.picture(now_s).strangers) <= 256
+
+
+def test_flood_of_manifests_costs_a_few_signatures_a_second() -> None:
+    class Counting:
+        checked = 0
+
+        def holds(self, _signature: bytes, _data: bytes) -> bool:
+            self.checked += 1
+            return False
+
+    counting: Any = Counting()
+    session = open_session(keyring(OPERATOR), BASE_ID, MISSION, 1)
+    one = Heard(ListeningGuard(replace(session, verifiers={1: counting})))
+    for boot in range(1, 100):
+        one.receive_datagram(b"".join(Node(1, boot=boot).send(100.0)), 100.0)
+    assert counting.checked == CHECKS_MAX
