@@ -11,12 +11,12 @@ import webbrowser
 from pathlib import Path
 
 from mission.cli.main import EXIT_BAD_FILE
+from mission.common.network import own_addresses
 from mission.document import simulator
 from mission.document.load import load_with_source
 from mission.document.model import Mission
 from mission.schema.fault_kinds import FORMS
 from mission.schema.faults import FaultKind
-from mission.serving import own_addresses
 from mission.stand.resolve import resolve_stand
 from sim_bridge.drive.entrant.law import find_law
 from sim_bridge.drive.entrant.stages import Entrant

@@ -15,8 +15,8 @@ import pytest
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
+from mission.common.network.connections import CONNECTIONS_MAX
 from mission.common.problems import MissionError
-from mission.serving.connections import CONNECTIONS_MAX
 from sim_bridge.judge.live import wire
 from sim_bridge.judge.live.server import OF_ADDRESS_MAX, VIEWERS_MAX, MapServer
 from sim_bridge.judge.page.coding import read_column

@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from mission.common.network import own_addresses
 from mission.document.model import Mission, Personality
-from mission.serving import own_addresses
 from sim_bridge.drive.links.hub import place
 from sim_bridge.drive.links.ports import LOOPBACK, Address
 from sim_bridge.drive.serve.server import Ports

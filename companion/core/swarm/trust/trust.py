@@ -87,9 +87,10 @@ class Trust:
         seq, at_s = self._own_words_s.get(lease.leader, (own.seq, now_s))
         if lease.seq > seq + int((now_s - at_s) / self._period_s) + PERIODS_BESIDE:
             return None
-        if (lease.heir, lease.ends, lease.established) == (own.heir, own.ends, own.established):
+        said = (lease.heir, lease.ends, lease.established, lease.quorum)
+        if said == (own.heir, own.ends, own.established, own.quorum):
             return lease
-        return replace(lease, heir=own.heir, ends=own.ends, established=own.established)
+        return replace(lease, heir=own.heir, ends=own.ends, established=own.established, quorum=own.quorum)
 
     def believes_phase(
         self, beacon: Beacon, election: Election, phases: Phases, now_s: float, *, is_news: bool
