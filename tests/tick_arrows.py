@@ -38,7 +38,7 @@ from companion.core.safety.surroundings import Surroundings
 from companion.core.stages import StageFactory
 from companion.core.swarm.orders import Orders
 from companion.core.swarm.picture import Picture
-from companion.core.vehicle.operator_orders import FloodedOrders
+from companion.core.vehicle.operator_orders import FloodedOrders, OperatorOrders
 from mission.document.model import Mission
 from sim_bridge.drive import fly
 from tests.flights import flown
@@ -212,8 +212,8 @@ def _fly_simulated(recorder: Recorder) -> None:
         if recorder.ended:
             raise _Ended
 
-    def build(mission: Mission, vehicle_id: int, stages: StageFactory) -> Agent:
-        return recorder if vehicle_id == recorder.id else Agent(mission, vehicle_id, stages)
+    def build(mission: Mission, vehicle_id: int, stages: StageFactory, operator: OperatorOrders) -> Agent:
+        return recorder if vehicle_id == recorder.id else Agent(mission, vehicle_id, stages, operator)
 
     recording = patch("companion.mavlink.endpoint.Agent", build)
     with recording, suppress(_Ended), tempfile.TemporaryDirectory() as folder:

@@ -15,6 +15,7 @@ from companion.base.station import BaseStation
 from companion.keys.key_file import KeyFileError
 from companion.records.node import open_base
 from companion.records.store import StoreError
+from companion.shell.floods import FloodLog
 from companion.shell.links import Link, LinkError, open_link
 from companion.shell.radio_keys import NoKeyError, choose_key, open_base_guard
 from companion.shell.records import draw_log
@@ -25,7 +26,8 @@ from mission.document.load import load_mission
 from mission.document.model import Mission
 
 TICK_S: Final = 0.05
-READS_MAX: Final = 512  # datagrams before the next tick
+READS_MAX: Final = 512  # datagrams before the next tick,
+READS_S: Final = 0.03  # and for how long: a flood keeps no answer waiting
 SHOWN_S: Final = 1.0  # between lines of progress, where they overwrite one another,
 LOGGED_S: Final = 10.0  # and where each stays
 UNSIGNED: Final = "UNSIGNED (--unsigned): whoever is in radio range can write records, and have vehicles delete theirs"
@@ -65,7 +67,7 @@ def base(arguments: argparse.Namespace) -> int:
             shown.line(UNSIGNED)
         with Stop() as stop:
             serve(station, link, stop, shown)
-        shown.line(str(station.progress))
+        shown.line(station.text)
         for line in gaps(station):
             shown.line(line)
     return EXIT_DONE
@@ -73,6 +75,7 @@ def base(arguments: argparse.Namespace) -> int:
 
 def serve(station: BaseStation, link: Link, stop: Stop, shown: Terminal) -> None:
     """Hear and answer until `stop` has a reason."""
+    floods = FloodLog({"radio": link}, lambda _now_s, text, _is_over: shown.line(text))
     deadline_s = time.monotonic()
     while not stop.reason:
         select.select((link.fileno(), stop.fileno()), (), (), max(0.0, deadline_s - time.monotonic()))
@@ -82,6 +85,8 @@ def serve(station: BaseStation, link: Link, stop: Stop, shown: Terminal) -> None
             if data is None:
                 break
             station.receive(data, now_s)
+            if time.monotonic() - now_s >= READS_S:
+                break
         if now_s < deadline_s:
             continue
         deadline_s = max(deadline_s + TICK_S, now_s)
@@ -89,14 +94,15 @@ def serve(station: BaseStation, link: Link, stop: Stop, shown: Terminal) -> None
             link.send(datagram)
         for line in station.lines():
             shown.line(line)
+        floods.update(now_s)
         shown.progress(describe(station, now_s), now_s)
 
 
 def describe(station: BaseStation, now_s: float) -> str:
-    """The progress, and who is near, in a line."""
+    """The progress, the stand so far, and who is near, in a line."""
     near = station.in_range(now_s)
     vehicles = f"vehicles {', '.join(map(str, near))} in range" if near else "no vehicle in range"
-    return f"{station.progress}, {vehicles}"
+    return f"{station.text}, {vehicles}"
 
 
 def gaps(station: BaseStation) -> list[str]:

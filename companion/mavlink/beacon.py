@@ -28,6 +28,7 @@ __all__ = [
     "COMPONENT",
     "MESSAGE_ID",
     "NOWHERE_DEG",
+    "REFUSED",
     "VERSION",
     "Decoded",
     "Reader",
@@ -94,6 +95,9 @@ class Decoded(NamedTuple):
     pos_ned_m: Vec3  # the sender's, in the mission's frame
 
 
+REFUSED: Final = Decoded(0, None, (0.0, 0.0, 0.0))  # in the place of a beacon that did not pass
+
+
 class Reader:
     """Reads beacons for the receivers of one mission, for `read_each`.
 
@@ -108,15 +112,20 @@ class Reader:
         self._remembers = remembers
         self._known: dict[bytes, Decoded] = {}
 
-    def decode_frame(self, frame: bytes) -> Decoded | None:
-        """A whole SWARM_BEACON frame -> what it says; None as `unpack`."""
+    def decode_frame(self, frame: bytes, passes: Callable[[bytes], bool] | None = None) -> Decoded | None:
+        """A whole SWARM_BEACON frame -> what it says; None as `unpack`.
+
+        `passes`: asked about a valid frame before it is decoded, which costs most of all; False: REFUSED.
+        """
         known = self._known.get(frame) if self._remembers else None
-        if known is not None:
-            return known
-        fields = unpack(frame)
-        if fields is None:
+        payload = None if known is not None else _payload(frame)
+        if known is None and payload is None:
             return None
-        decoded = decode(frame[5], fields, self._frame)
+        if passes is not None and not passes(frame):
+            return REFUSED
+        if payload is None:
+            return known
+        decoded = decode(frame[5], unpack_beacon(payload), self._frame)
         if self._remembers:
             if len(self._known) >= self._remembers:
                 self._known.clear()
@@ -126,8 +135,12 @@ class Reader:
 
 def unpack(frame: bytes) -> WireBeacon | None:
     """A whole SWARM_BEACON frame -> its fields, a signature unread; None when it is none, or its checksum is wrong."""
-    payload = payload_of(frame, _ID_BYTES, _CRC_EXTRA, BEACON_PAYLOAD.size)
+    payload = _payload(frame)
     return None if payload is None else unpack_beacon(payload)
+
+
+def _payload(frame: bytes) -> bytes | None:
+    return payload_of(frame, _ID_BYTES, _CRC_EXTRA, BEACON_PAYLOAD.size)
 
 
 def decode(sender: int, fields: WireBeacon, frame: LocalFrame) -> Decoded:

@@ -18,6 +18,11 @@ _ID_BYTES: Final = RELATIVE_ID.to_bytes(3, "little")
 _CRC_EXTRA = bytes([dialect.MAVLink_swarm_relative_message.crc_extra])
 
 
+def is_relative_report(frame: bytes) -> bool:
+    """A whole SWARM_RELATIVE frame whose checksum holds; nothing of it is read."""
+    return payload_of(frame, _ID_BYTES, _CRC_EXTRA, RELATIVE_REPORT_PAYLOAD.size) is not None
+
+
 def read_relative_report(frame: bytes) -> RelativeReport | None:
     """A whole SWARM_RELATIVE frame -> what it says, a signature unread; None: it is none, or not to be believed."""
     payload = payload_of(frame, _ID_BYTES, _CRC_EXTRA, RELATIVE_REPORT_PAYLOAD.size)

@@ -21,6 +21,7 @@ from companion.mavlink.peers.session import OPERATOR_ID
 from companion.order.ground_station import GroundStation
 from companion.order.order_file import SUFFIX, OperatorFile, OrderFileError
 from companion.order.station import OperatorStation, list_ids
+from companion.shell.floods import FloodLog
 from companion.shell.links import Link, LinkError, open_link
 from companion.shell.radio_keys import mission_digest, open_radio_session
 from companion.shell.runner import Stop
@@ -30,7 +31,8 @@ from mission.document.load import load_mission
 
 EXIT_NOT_ALL = 1
 TICK_S: Final = 0.05
-READS_MAX: Final = 512  # datagrams before the next turn
+READS_MAX: Final = 512  # datagrams before the next turn,
+READS_S: Final = 0.03  # and for how long: a flood keeps no order waiting
 LISTEN_S: Final = 3.0  # before a START, and where no flight is known: a boot is proven once a second
 SETTLE_S: Final = 1.0  # after the last question, for what came meanwhile
 SEEN_S: Final = 1.0  # sent at least so long: somebody may not have been heard yet
@@ -76,7 +78,8 @@ def _order(arguments: argparse.Namespace, opened: ExitStack) -> int:
     guard = SignedGuard(open_radio_session(keyring, OPERATOR_ID, arguments.mission))
     station = OperatorStation(keyring.seed, digest, size, file=file, draw=secrets.token_bytes, guard=guard)
     with Stop() as stop:
-        radio = _Radio(station, link, stop)
+        links = {"radio": link} if ground is None else {"radio": link, "ground station's link": ground}
+        radio = _Radio(station, link, stop, FloodLog(links, lambda _now_s, text, _is_over: _show(text)))
         if ground is not None:
             print(f"orders of {printable(str(arguments.ground_station))} go to {arguments.peers}", flush=True)
             radio.serve(GroundStation(station, size, _show), ground)
@@ -132,9 +135,9 @@ def _send(radio: _Radio, kind: OrderKind, hand_back: int, for_s: float) -> int:
 class _Radio:
     """The loop."""
 
-    def __init__(self, station: OperatorStation, link: Link, stop: Stop) -> None:
+    def __init__(self, station: OperatorStation, link: Link, stop: Stop, floods: FloodLog) -> None:
         self.station = station
-        self._link, self._stop = link, stop
+        self._link, self._stop, self._floods = link, stop, floods
         self._due_s = time.monotonic()
 
     def run(self, for_s: float, is_done: Callable[[float], bool] = lambda _now_s: False) -> None:
@@ -149,8 +152,7 @@ class _Radio:
         """The same, with a ground station's commands, until it is stopped."""
         while not self._stop.reason:
             now_s = self._turn(self._link.fileno(), link.fileno())
-            for data in _drain(link):
-                ground_station.receive(data, now_s)
+            _drain(link, ground_station.receive, now_s)
             for datagram in ground_station.datagrams(now_s):
                 link.send(datagram)
 
@@ -158,22 +160,26 @@ class _Radio:
         """Wait for data, or until something is due; hear, and send. The time."""
         select.select((*fds, self._stop.fileno()), (), (), max(0.0, self._due_s - time.monotonic()))
         now_s = time.monotonic()
-        for data in _drain(self._link):
-            self.station.receive(data, now_s)
+        _drain(self._link, self.station.receive, now_s)
         if now_s >= self._due_s:
             self._due_s = max(self._due_s + TICK_S, now_s)
             for datagram in self.station.datagrams(now_s):
                 self._link.send(datagram)
             for line in self.station.lines():
                 _show(line)
+            self._floods.update(now_s)
         return now_s
 
 
-def _drain(link: Link) -> list[bytes]:
-    found: list[bytes] = []
-    while len(found) < READS_MAX and (data := link.recv()) is not None:
-        found.append(data)
-    return found
+def _drain(link: Link, receive: Callable[[bytes, float], None], now_s: float) -> None:
+    until_s = time.monotonic() + READS_S
+    for _ in range(READS_MAX):
+        data = link.recv()
+        if data is None:
+            return
+        receive(data, now_s)
+        if time.monotonic() >= until_s:
+            return
 
 
 def _open(url: object, opened: ExitStack) -> Link:

@@ -16,6 +16,9 @@ LAG_S: Final = 0.7  # a vector that comes so soon after a record was on the air 
 WAIT_S: Final = 0.3  # before a record of another's is passed on: its writer may be in range, too
 AIRED_MAX: Final = 4096  # records that were on the air lately; of the oldest it is forgotten
 PLAN_MAX: Final = 64  # records, of which the next are sent; made anew before they are at an end
+PAIRS_MAX: Final = (
+    256  # of a node and a log, that one plan looks at: a member that lies may tell of 512 logs in each name
+)
 SLOTS_MAX: Final = 16
 ROUNDING: Final = 1e-6  # of a slot: a tick at its very beginning is in it
 SLOT_S: Final = 0.1  # two ticks, one without a beacon: of those that could pass on the same record, one sends it then
@@ -50,6 +53,7 @@ class Peers:
         self._slots = min(SLOTS_MAX, max(2, members))
         self._peers: dict[int, _Peer] = {}
         self._aired_s: dict[Numbered, float] = {}
+        self._turn = 0  # of the pairs that a plan looks at, where there are more than it can
 
     def note_vector(self, sender: int, vector: Vector, now_s: float, known: Callable[[LogKey], bool]) -> None:
         """A part of a node's vector has come; of logs that are not `known` nothing is kept."""
@@ -91,21 +95,33 @@ class Peers:
         self._forget(now_s)
         found: dict[Numbered, Candidate] = {}
         hops = self.hops(now_s)
-        for peer in self._in_range(now_s):
-            if peer.is_full:
+        for peer, key in self._pairs(now_s):
+            entry, told_s = peer.entries[key]
+            holding = holdings.get(key)
+            if holding is None or now_s - told_s > HEARD_S:
                 continue
             reach = 0 if peer.hops == 0 else 1 if peer.hops < hops else 2
-            for key, (entry, told_s) in peer.entries.items():
-                holding = holdings.get(key)
-                if holding is None or now_s - told_s > HEARD_S:
-                    continue
-                for number in self._lacking(holding, entry, told_s):
-                    due_s = told_s if key == own else told_s + WAIT_S
-                    candidate = Candidate(reach, key != own, number, key, due_s)
-                    before = found.get((key, number))
-                    if before is None or candidate < before:
-                        found[key, number] = candidate
+            for number in self._lacking(holding, entry, told_s):
+                due_s = told_s if key == own else told_s + WAIT_S
+                candidate = Candidate(reach, key != own, number, key, due_s)
+                before = found.get((key, number))
+                if before is None or candidate < before:
+                    found[key, number] = candidate
         return sorted(found.values())[:PLAN_MAX]
+
+    def _pairs(self, now_s: float) -> list[tuple[_Peer, LogKey]]:
+        """Nodes and logs that the next plan looks at: PAIRS_MAX at most, by turns, the base station's among them."""
+        found = [(peer, key) for peer in self._in_range(now_s) if not peer.is_full for key in peer.entries]
+        if len(found) <= PAIRS_MAX:
+            return found
+        of_base = [pair for pair in found if pair[0].hops == 0]
+        others = [pair for pair in found if pair[0].hops != 0]
+        taken: list[tuple[_Peer, LogKey]] = []
+        for some in (of_base, others):
+            room = min(len(some), PAIRS_MAX // 2 if some is of_base else PAIRS_MAX - len(taken))
+            taken += [some[(self._turn + k) % len(some)] for k in range(room)]
+        self._turn += PAIRS_MAX // 2
+        return taken
 
     def is_turn(self, candidate: Candidate, now_s: float) -> bool:
         """True if a planned record may go out in this tick. Of others' records each holder has a time of its own."""

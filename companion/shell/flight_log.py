@@ -10,15 +10,18 @@ import select
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-from companion.core.model.actions import Say
+from companion.core.model.actions import Say, brief
+from companion.core.model.states import Severity
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.sensor_source import SensorSource
+from companion.shell.floods import FloodLog
 from companion.shell.links import Link
 from mission.common.problems import printable
 
 COUNTERS_S = 10.0  # counters that grow are shown this often at most
 RECORDS_S = 60.0  # and how far the records are, which grow all the time
 MAX_TEXT_CHARS = 300
+FEW = 0.9  # of a neighbour's beacons: fewer in a flood, and the operator is told
 NO_LINKS: Mapping[str, Link] = MappingProxyType({})
 
 
@@ -72,6 +75,7 @@ class ChangeLogger:
         titles = {source.NAME: source.TITLE for source in endpoint.sensors.sources}
         self._sensors = {titles[name]: (name, link) for name, link in sensors.items()}
         self._links = {"autopilot link": autopilot} | {f"{of}'s link": link for of, (_, link) in self._sensors.items()}
+        self._floods = FloodLog({**self._links, "peers' link": peers}, self._tell_flood)
         self._up = {of: link.up for of, link in self._links.items()}
         self._status = endpoint.agent.status(0.0)  # of the last tick
         self._survey_ended = False
@@ -102,6 +106,7 @@ class ChangeLogger:
         for source in self._endpoint.sensors.sources:
             self._log_sensor(source, now_s)
         self.log_links(now_s)
+        self._floods.update(now_s)
         if now_s - self._counters_s >= COUNTERS_S:
             self._log_counters(now_s)
         if now_s - self._records_s >= RECORDS_S:
@@ -131,6 +136,7 @@ class ChangeLogger:
         endpoint = self._endpoint
         found = {
             "bad frames of the autopilot": endpoint.autopilot.bad,
+            **endpoint.autopilot_gate.counters(),
             "datagrams of the peers without a beacon": endpoint.peers.without_beacon,
             **{f"frames of the peers refused, {why}": n for why, n in sorted(endpoint.peers.guard.refused.items())},
             **endpoint.orders.counters(),
@@ -145,7 +151,20 @@ class ChangeLogger:
         for title, (name, link) in self._sensors.items():
             found[f"bad frames of the {title}"] = endpoint.sensors.bad(name)
             found[f"errors of the {title}'s link"] = link.errors
-        return found
+        return found | self._floods.counters()
+
+    def _tell_flood(self, now_s: float, text: str, is_over: bool) -> None:
+        """To the operator, and so with the next tick to this log; which beacons arrive, at once."""
+        self._endpoint.report_surroundings(Say(Severity.NOTICE if is_over else Severity.WARNING, brief(text)))
+        shares = {one.beacon.sender: one.share for one in self._endpoint.agent.localiser.neighbours}
+        if is_over or not shares:
+            return
+        share, vehicle = min((share, vehicle) for vehicle, share in shares.items())
+        if share < FEW:
+            lost = f"beacons lost: {100.0 * share:.0f} % of vehicle {vehicle}'s arrive"
+            self._endpoint.report_surroundings(Say(Severity.WARNING, lost))
+        each = ", ".join(f"{vehicle} {100.0 * share:.0f} %" for vehicle, share in sorted(shares.items()))
+        self._log.line(now_s, f"beacons that arrive: {each}")
 
     def log_records(self, now_s: float | None) -> None:
         """Log how far the records are, where the mission has any."""

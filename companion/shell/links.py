@@ -14,6 +14,8 @@ from typing import Protocol
 
 import serial
 
+from companion.mavlink.framing.frames import DATAGRAM_MAX_BYTES
+from companion.shell.floods import drop_longer, dropped_of
 from companion.shell.urls import Scheme, Url, is_ipv4
 
 RECV_BYTES = 65536  # the longest UDP datagram
@@ -30,7 +32,11 @@ class LinkError(Exception):
 class Link(Protocol):
     """Both ends of one link."""
 
-    errors: int  # sends and receives that failed, and datagrams of strangers
+    errors: int  # sends and receives that failed, and datagrams of strangers, or too long
+
+    @property
+    def lost(self) -> int:
+        """Datagrams that the kernel dropped so far: more came than were read, or they were too long."""
 
     @property
     def up(self) -> bool:
@@ -49,19 +55,26 @@ class Link(Protocol):
         """For good."""
 
 
-def open_link(url: Url, *, may_be_absent: bool = False, hears_all: bool = False, dtr: bool = True) -> Link:
+def open_link(
+    url: Url,
+    *,
+    may_be_absent: bool = False,
+    hears_all: bool = False,
+    dtr: bool = True,
+    datagram_max_bytes: int = DATAGRAM_MAX_BYTES,
+) -> Link:
     """LinkError when it cannot be opened.
 
     `may_be_absent`: a serial device that is not there counts as unplugged. `hears_all`: see UdpLink. `dtr`: the level
-    of that line of a serial port, where it has one.
+    of that line of a serial port, where it has one. `datagram_max_bytes`: longer ones are dropped, and count as errors.
     """
     match url.scheme:
         case Scheme.SERIAL:
             return SerialLink(url, may_be_absent=may_be_absent, dtr=dtr)
         case Scheme.UDP_BROADCAST:
-            return BroadcastLink(url)
+            return BroadcastLink(url, datagram_max_bytes=datagram_max_bytes)
         case Scheme.UDP_IN | Scheme.UDP_OUT:
-            return UdpLink(url, hears_all=hears_all)
+            return UdpLink(url, hears_all=hears_all, datagram_max_bytes=datagram_max_bytes)
 
 
 class UdpLink:
@@ -73,15 +86,16 @@ class UdpLink:
     `hears_all`, of `udpin`: everybody is heard, and the last that spoke is answered: drivers of obstacle sensors.
     """
 
-    __slots__ = ("_connected", "_heard_s", "_hears_all", "_other_end", "_sock", "errors")
+    __slots__ = ("_connected", "_heard_s", "_hears_all", "_most", "_other_end", "_sock", "errors")
 
-    def __init__(self, url: Url, *, hears_all: bool = False) -> None:
+    def __init__(self, url: Url, *, hears_all: bool = False, datagram_max_bytes: int = DATAGRAM_MAX_BYTES) -> None:
         self.errors = 0
+        self._most = datagram_max_bytes
         self._hears_all = hears_all
         self._other_end: tuple[str, int] | None = None  # of `udpin`
         self._heard_s = 0.0
         self._connected = url.scheme is Scheme.UDP_OUT
-        self._sock = _udp_socket()
+        self._sock = _udp_socket(datagram_max_bytes)
         try:
             address = resolved(url)
             if self._connected:
@@ -91,6 +105,11 @@ class UdpLink:
         except OSError as error:
             self._sock.close()
             raise udp_refused(url, error) from None
+
+    @property
+    def lost(self) -> int:
+        """Of this socket's queue."""
+        return dropped_of(self._sock)
 
     @property
     def up(self) -> bool:
@@ -108,12 +127,12 @@ class UdpLink:
         return self._sock.fileno()
 
     def recv(self) -> bytes | None:
-        """The next datagram of the other end, b"" for a stranger's; None: nothing more now."""
+        """The next datagram of the other end, b"" for a stranger's, or one too long; None: nothing more now."""
         while True:
             try:
                 if self._connected:
-                    return self._sock.recv(RECV_BYTES)
-                return self._from_other_end(*self._sock.recvfrom(RECV_BYTES))
+                    return self._bounded(self._sock.recv(self._most + 1))
+                return self._from_other_end(*self._sock.recvfrom(self._most + 1))
             except BlockingIOError:
                 if self._other_end is not None and time.monotonic() - self._heard_s > OTHER_END_S:
                     self._other_end = None
@@ -131,7 +150,14 @@ class UdpLink:
             self.errors += 1
             return b""  # and not the next one: a flood of them is the loop's to bound
         self._heard_s = time.monotonic()
-        return data
+        return self._bounded(data)
+
+    def _bounded(self, data: bytes) -> bytes:
+        """b"" where it is too long: the kernel has cut it there, and nothing of it is read."""
+        if len(data) <= self._most:
+            return data
+        self.errors += 1
+        return b""
 
     def send(self, data: bytes) -> None:
         """To the other end, if there is one; what the kernel does not take is dropped and counted."""
@@ -151,12 +177,13 @@ class UdpLink:
 class BroadcastLink:
     """Everybody on a mesh. Bound to the broadcast address: what is sent to this computer alone stays out."""
 
-    __slots__ = ("_in", "_out", "_own", "errors")
+    __slots__ = ("_in", "_most", "_out", "_own", "errors")
 
-    def __init__(self, url: Url) -> None:
+    def __init__(self, url: Url, *, datagram_max_bytes: int = DATAGRAM_MAX_BYTES) -> None:
         self.errors = 0
-        self._in = _udp_socket()
-        self._out = _udp_socket()  # its own port tells own datagrams from others', even of the same computer
+        self._most = datagram_max_bytes
+        self._in = _udp_socket(datagram_max_bytes)
+        self._out = _udp_socket(datagram_max_bytes)  # its own port tells own datagrams from others'
         try:
             self._in.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             self._in.bind((url.place, url.number))
@@ -168,6 +195,11 @@ class BroadcastLink:
         self._own = self._out.getsockname()
 
     @property
+    def lost(self) -> int:
+        """Of this socket's queue."""
+        return dropped_of(self._in)
+
+    @property
     def up(self) -> bool:
         """Always: a socket stays."""
         return True
@@ -177,17 +209,21 @@ class BroadcastLink:
         return self._in.fileno()
 
     def recv(self) -> bytes | None:
-        """The next datagram of another sender; None: nothing more now."""
+        """The next datagram of another sender, b"" for one too long; None: nothing more now."""
         while True:
             try:
-                data, sender = self._in.recvfrom(RECV_BYTES)
+                data, sender = self._in.recvfrom(self._most + 1)
             except BlockingIOError:
                 return None
             except OSError:
                 self.errors += 1
                 return None
-            if sender != self._own:
+            if sender == self._own:
+                continue
+            if len(data) <= self._most:
                 return data
+            self.errors += 1
+            return b""
 
     def send(self, data: bytes) -> None:
         """To all on the mesh; what the kernel does not take is dropped and counted."""
@@ -224,6 +260,11 @@ class SerialLink:
                 raise _serial_refused(url, error) from None
 
     @property
+    def lost(self) -> int:
+        """0: what a port loses shows as bad frames."""
+        return 0
+
+    @property
     def up(self) -> bool:
         """False while the device is gone."""
         return self._port is not None
@@ -239,7 +280,7 @@ class SerialLink:
         if self._port is None:
             return None
         try:
-            data = os.read(self._port.fileno(), RECV_BYTES)
+            data = os.read(self._port.fileno(), DATAGRAM_MAX_BYTES)
         except BlockingIOError:
             return None
         except OSError:
@@ -293,10 +334,11 @@ class SerialLink:
         self._rest = b""
 
 
-def _udp_socket() -> socket.socket:
+def _udp_socket(datagram_max_bytes: int) -> socket.socket:
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     sock.setblocking(False)
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, QUEUE_BYTES)
+    drop_longer(sock, datagram_max_bytes)
     return sock
 
 

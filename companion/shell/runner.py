@@ -13,6 +13,7 @@ import socket
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from itertools import starmap
 from types import FrameType, TracebackType
 from typing import Any, Self
 
@@ -27,6 +28,8 @@ from companion.shell.service import Service
 
 DRAIN_MAX = 4096  # datagrams at a time: more than the kernel queues
 DRAIN_S = 0.01  # a flood of any link delays a setpoint by this much at most
+FLOOD_HZ = 1280.0  # datagrams of one link, more than a swarm of 50 sends: then it is read sooner again,
+FLOOD_WAIT_S = 0.002  # before the kernel's queue is full and genuine ones are lost with the rest
 HELLO_S = 1.0
 LEAP_NS = 600_000_000_000  # a vehicle's time may leap ahead by this much, as a simulator's does that was paused
 BELIEVED_AFTER = 3  # requests in a row, else
@@ -82,6 +85,7 @@ class Runner:
         self.now_s: float | None = None  # of the clock in use, at the last tick
         self.ticks = 0
         self.missed = 0  # ticks that were skipped
+        self._drained_s = float("-inf")  # when all links were found empty
         self._autopilot = autopilot
         self._peers = peers
         self._sensors = sensors
@@ -96,11 +100,11 @@ class Runner:
         the tick itself. What a flood has left over is taken in at once, before the next sleep.
         """
         deadline_s = time.monotonic()
-        is_drained = True
+        wait_s = math.inf
         while not self._stop.reason:
-            self._wait(deadline_s - time.monotonic() if is_drained else 0.0)
+            self._wait(min(wait_s, deadline_s - time.monotonic()))
             now_s = time.monotonic()
-            is_drained = self._drain(now_s, max(deadline_s, now_s + DRAIN_S))
+            wait_s = self._drain(now_s, max(deadline_s, now_s + DRAIN_S))
             if now_s >= deadline_s:
                 self._tick(now_s)
                 periods = math.floor((now_s - deadline_s) / TICK_S) + 1
@@ -156,21 +160,29 @@ class Runner:
         waiting = (self._stop.fileno(),) if fd < 0 else (fd, self._stop.fileno())
         select.select(waiting, (), (), max(0.0, wait_s))
 
-    def _drain(self, now_s: float, until_s: float) -> bool:
-        """The links by turns: a flood of one starves neither the others nor the ticks. Whether all are empty."""
-        links = [(self._autopilot, self.endpoint.from_autopilot), *self._others()]
-        for _ in range(DRAIN_MAX):
-            for link, receive in tuple(links):
-                data = link.recv()
-                if data is None:
-                    links.remove((link, receive))
-                else:
-                    receive(data, now_s)
-            if not links:
-                return True
-            if time.monotonic() >= until_s:
-                break
-        return False
+    def _drain(self, now_s: float, until_s: float) -> float:
+        """The links by turns, of equal time: a flood of one starves neither others nor ticks. How long it can wait, s.
+
+        Not of equal datagrams: the autopilot's would wait for as many of the dearest that a radio can be sent.
+        """
+        turns = [_Turns(self._autopilot, self.endpoint.from_autopilot), *starmap(_Turns, self._others())]
+        most = 0  # datagrams of one link
+        began_s = time.monotonic()
+        while turns:
+            one = min(turns, key=_Turns.order)
+            data = one.link.recv()
+            if data is None:
+                turns.remove(one)
+                continue
+            one.receive(data, now_s)
+            ended_s = time.monotonic()
+            one.count += 1
+            one.spent_s, began_s = one.spent_s + ended_s - began_s, ended_s
+            most = max(most, one.count)
+            if ended_s >= until_s or most >= DRAIN_MAX:
+                return 0.0
+        passed_s, self._drained_s = max(FLOOD_WAIT_S, now_s - self._drained_s), now_s
+        return math.inf if most <= FLOOD_HZ * min(TICK_S, passed_s) else FLOOD_WAIT_S
 
     def _others(self) -> list[tuple[Link, Callable[[bytes, float], None]]]:
         """The links but the autopilot's, and what takes the bytes of each."""
@@ -198,6 +210,22 @@ class Runner:
         self.now_s = now_s
         self.ticks += 1
         self._changes.log_changes(now_s, out.said)
+
+
+class _Turns:
+    """One link's, while all are drained."""
+
+    __slots__ = ("count", "link", "receive", "spent_s")
+
+    def __init__(self, link: Link, receive: Callable[[bytes, float], None]) -> None:
+        self.link = link
+        self.receive = receive
+        self.count = 0  # datagrams
+        self.spent_s = 0.0  # on them
+
+    def order(self) -> tuple[float, int]:
+        """The least is next."""
+        return self.spent_s, self.count
 
 
 class VehicleClock:

@@ -7,7 +7,8 @@ import socket
 from collections.abc import Iterator
 from typing import Final
 
-from companion.shell.links import QUEUE_BYTES, RECV_BYTES, LinkError, resolved, udp_refused
+from companion.mavlink.framing.frames import DATAGRAM_MAX_BYTES
+from companion.shell.links import QUEUE_BYTES, LinkError, resolved, udp_refused
 from companion.shell.urls import Scheme, Url
 
 READS_PER_TURN: Final = 512  # datagrams, before the picture is due
@@ -49,12 +50,13 @@ class UdpReceiver:
         self._sock.settimeout(wait_s)
         for _ in range(READS_PER_TURN):
             try:
-                data = self._sock.recv(RECV_BYTES)
+                data = self._sock.recv(DATAGRAM_MAX_BYTES + 1)
             except (TimeoutError, BlockingIOError):
                 return
             except OSError:
                 continue
-            yield data
+            if len(data) <= DATAGRAM_MAX_BYTES:  # no vehicle sends longer ones
+                yield data
             self._sock.settimeout(0.0)
 
     def close(self) -> None:

@@ -93,7 +93,7 @@ def _fly(
     until_s = began_s + READY_LIMIT_S
     while (now_s := time.monotonic()) < until_s:
         select.select([bound], (), (), max(0.0, due_s - now_s))
-        for data, stamp_ns, sender in _received(bound):
+        for data, stamp_ns, sender in received(bound):
             address = sender
             if SETPOINT_ID in data:
                 if not stamps_ns:
@@ -116,7 +116,7 @@ def _fly(
     return stamps_ns
 
 
-def _received(bound: socket.socket) -> Iterator[tuple[bytes, int, tuple[str, int]]]:
+def received(bound: socket.socket) -> Iterator[tuple[bytes, int, tuple[str, int]]]:
     """Datagram, the kernel's stamp in nanoseconds, sender."""
     while True:
         try:

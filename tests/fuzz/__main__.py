@@ -9,7 +9,7 @@ from functools import partial
 
 from tests.fuzz.campaign import run
 from tests.fuzz.seeds import write_seeds
-from tests.fuzz.targets import TARGETS, corpus_of
+from tests.fuzz.targets import FLIGHTS, TARGETS, corpus_of
 
 
 def main(argv: Sequence[str]) -> int:
@@ -36,7 +36,7 @@ def main(argv: Sequence[str]) -> int:
                 target.run(data)
                 print(f"{name}/{file}: read")
             continue
-        executions = args.executions if name in ("open", "stand") else args.files
+        executions = args.executions if name in FLIGHTS else args.files
         found += len(run(name, executions, seed=args.seed, say=partial(print, flush=True)).findings)
     return int(found > 0)
 

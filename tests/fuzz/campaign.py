@@ -14,7 +14,7 @@ from typing import Final
 
 import psutil
 
-from tests.fuzz.companion import Episode, draw_tape
+from tests.fuzz.companion import Episode, Insider, draw_tape
 from tests.fuzz.flights import heard_in
 from tests.fuzz.tape import Kind, Step, write_tape
 from tests.fuzz.targets import CORPUS, TARGETS, Companion, Target, corpus_of
@@ -107,7 +107,7 @@ def _flights(target: Companion, seed: int, tally: Tally) -> Iterator[_Found | No
     for number in itertools.count():
         rng = Random(f"{target.mission_name} {seed} {number}")
         episode, done = Episode(target.mission_name), list[Step]()
-        for step in draw_tape(rng, heard):
+        for step in draw_tape(rng, heard, Insider() if target.mission_name == "signed" else None):
             done.append(step)
             try:
                 episode.do(step)

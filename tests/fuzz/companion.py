@@ -11,9 +11,12 @@ from typing import Final
 
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint
+from companion.mavlink.framing.frames import SIGNATURE_BYTES, source, whole
+from companion.mavlink.peers.frame_mac import is_signed, seal, timestamp_of
 from companion.records.node import open_records
 from companion.sensors.table import sensors_of
 from companion.survey.of_mission import survey_of
+from sim_bridge.drive.lockstep.fleet_keys import FleetKeys
 from tests.fuzz.flights import TAPPED, Heard, mission_of
 from tests.fuzz.mutations import change_datagram
 from tests.fuzz.tape import Kind, Step, tick
@@ -31,7 +34,16 @@ class Episode:
         mission = mission_of(mission_name)
         records = open_records(mission, TAPPED, None, lambda: 7) if mission.survey is not None else None
         survey = survey_of(mission, TAPPED)
-        self.endpoint = Endpoint(mission, TAPPED, sensors=sensors_of(mission), survey=survey, records=records)
+        keys = FleetKeys(mission) if mission_name == "signed" else None
+        self.endpoint = Endpoint(
+            mission,
+            TAPPED,
+            sensors=sensors_of(mission),
+            survey=survey,
+            records=records,
+            guard=None if keys is None else keys.guard(TAPPED),
+            orders=None if keys is None else keys.orders(TAPPED),
+        )
         self.endpoint.agent.waive("all")
         self.now_s = 100.0
         self.slowest_s = 0.0  # CPU time of the slowest step
@@ -70,7 +82,34 @@ class Episode:
         return (status.state, bool(status.leader), bool(status.grounded), endpoint.codec.dropped > 0)
 
 
-def draw_tape(rng: Random, heard: Sequence[Heard]) -> Iterator[Step]:
+class Insider:
+    """Seals forged frames as their senders would, with the keys of all vehicles: what is behind the MAC is reached."""
+
+    def __init__(self) -> None:
+        mission = mission_of("signed")
+        keys = FleetKeys(mission)
+        self._keys = {k: keys.guard(k)._own_key for k in range(1, mission.swarm.size + 1)}
+        self._timestamps: dict[int, int] = {}  # the newest genuine one of each
+
+    def note(self, data: bytes) -> None:
+        """Genuine frames."""
+        for start, end, _ in whole(data):
+            if is_signed(data[start:end]):
+                self._timestamps[data[start + 5]] = timestamp_of(data[start:end])
+
+    def seal_all(self, rng: Random, data: bytes) -> bytes:
+        """Each signed frame of a vehicle, signed again."""
+        found = bytearray(data)
+        for start, end, _ in whole(data):
+            frame = data[start:end]
+            key = self._keys.get(source(frame)[0])
+            if is_signed(frame) and key is not None:
+                timestamp = self._timestamps.get(frame[5], 0) + rng.randrange(-2, 50)
+                found[start:end] = seal(frame[:-SIGNATURE_BYTES], key, 0, max(0, timestamp))
+        return bytes(found)
+
+
+def draw_tape(rng: Random, heard: Sequence[Heard], insider: Insider | None = None) -> Iterator[Step]:
     """A genuine flight with forged datagrams in between, of which each is near one that came then, or at another time.
 
     What comes by some links may be forged alone, so that the flight goes on; of others the genuine ones may be lost.
@@ -81,13 +120,18 @@ def draw_tape(rng: Random, heard: Sequence[Heard]) -> Iterator[Step]:
     per_tick = rng.choice((1, 8, 40))
     for now in heard:
         for kind, data in links_of(now):
+            if insider is not None and kind is Kind.PEERS:
+                insider.note(data)
             if data and rng.random() >= lost:
                 yield Step(kind, data)
         for _ in range(per_tick):
             kind = rng.choice(attacked)
             then = now if rng.random() < 0.5 else rng.choice(heard)
             genuine, other = dict(links_of(then)), dict(links_of(rng.choice(heard)))
-            yield Step(kind, change_datagram(rng, part_of(rng, genuine[kind]), part_of(rng, other[kind])))
+            forged = change_datagram(rng, part_of(rng, genuine[kind]), part_of(rng, other[kind]))
+            if insider is not None and kind is Kind.PEERS and rng.random() < 0.5:
+                forged = insider.seal_all(rng, forged)
+            yield Step(kind, forged)
         yield tick() if rng.random() < 0.999 else tick(rng.choice((0.0, 0.3, 2.0, 40.0)))
 
 

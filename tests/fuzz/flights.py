@@ -10,6 +10,7 @@ from typing import Any
 from mission.common.frames import Vec3
 from mission.document.model import Mission
 from sim_bridge.drive.fly import Flight, fly
+from sim_bridge.drive.lockstep.fleet_keys import FleetKeys
 from sim_bridge.drive.lockstep.lockstep import Companion
 from sim_bridge.judge.progress import Progress
 from sim_bridge.world.airframe.point_mass import PointMass
@@ -37,7 +38,7 @@ STAND: dict[str, Any] = {
     "survey": {},
     "forest": {"trees": TREES},
 }
-MISSIONS = {"open": OPEN, "stand": STAND}
+MISSIONS = {"open": OPEN, "stand": STAND, "signed": {**OPEN, "name": "fuzzed with keys"}}
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +94,9 @@ def heard_in(name: str) -> tuple[Heard, ...]:
             taps.append(_Tap(flight.lockstep.companions[TAPPED]))
             flight.lockstep.companions[TAPPED] = taps[0]
 
-    fly(mission_of(name), None, Progress(io.StringIO()), in_process=True, airframes=point_mass, watch=tap)
+    flown, quiet = mission_of(name), Progress(io.StringIO())
+    keys = FleetKeys(flown) if name == "signed" else None
+    fly(flown, None, quiet, in_process=True, airframes=point_mass, watch=tap, keys=keys)
     return tuple(taps[0].heard)
 
 

@@ -11,6 +11,8 @@ from random import Random
 from typing import Final
 
 import mission
+from companion.keys.key_file import render_keyring
+from companion.keys.keyring import OPERATOR
 from companion.records.node import open_records
 from companion.records.record import RecordKind
 from mission.document.load import dump_mission
@@ -18,10 +20,11 @@ from mission.plan.qgc_plan import to_plan
 from mission.schema.trees import StandTree
 from mission.stems.geopackage_write import to_gpkg
 from mission.stems.write import to_csv, to_geojson
+from sim_bridge.drive.lockstep.fleet_keys import FleetKeys
 from tests.fuzz.companion import links_of, part_of
 from tests.fuzz.flights import Heard, heard_in, mission_of
 from tests.fuzz.tape import Kind, Step, tick, write_tape
-from tests.fuzz.targets import CORPUS, PNG
+from tests.fuzz.targets import CORPUS, FLIGHTS, PNG
 
 WINDOWS: Final = {"start": 0.0, "climb": 0.12, "transit": 0.3, "coverage": 0.5, "return": 0.8}  # shares of a flight
 TICKS: Final = 10
@@ -38,7 +41,7 @@ def write_seeds() -> None:
 
 def seeds() -> dict[str, dict[str, bytes]]:
     """By target, then by file."""
-    flights = {name: heard_in(name) for name in ("open", "stand")}
+    flights = {name: heard_in(name) for name in FLIGHTS}
     found = {
         name: {f"{window}.tape": write_tape(_window(heard, share)) for window, share in WINDOWS.items()}
         for name, heard in flights.items()
@@ -67,6 +70,8 @@ def seeds() -> dict[str, dict[str, bytes]]:
         "degrees.pgw": b"0.001\n0\n0\n-0.002\n8.0005\n46.999\n",
         "utm.pgw": b"10 0 0 -10 500005 5205995",
     }
+    keys = FleetKeys(planned)
+    found["key-file"] = {f"{owner}.key": render_keyring(keys.keyring(owner)).encode() for owner in (OPERATOR, 2)}
     found["records"] = {"records.db": _records()}
     found["rplidar"], found["ld19"], found["mid360"] = _lidars()
     return found

@@ -12,6 +12,7 @@ from random import Random
 from typing import Final, Protocol
 
 from companion.base.station import BaseStation
+from companion.keys.key_file import KeyFileError, load_keyring
 from companion.lidar.models import MODELS
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink.framing.frames import Framing
@@ -220,6 +221,12 @@ def _records(path: Path) -> object:
         return len(store.holdings()), bool(said)
 
 
+def _key_file(path: Path) -> object:
+    path.chmod(0o600)
+    keyring = load_keyring(path, None)
+    return keyring.owner == 0, len(keyring.secrets), len(keyring.vehicles)
+
+
 def _lidar(model: str, step: int, data: bytes) -> object:
     driver = MODELS[model].make()
     count = 0
@@ -250,6 +257,7 @@ class PlainReader(Reader):
 TARGETS: Final[dict[str, Callable[[], Target]]] = {
     "open": partial(Companion, "open"),
     "stand": partial(Companion, "stand"),
+    "signed": partial(Companion, "signed"),
     "frames": partial(Reader, read_frames),
     "watch": partial(Datagrams, _watch),
     "base": partial(Datagrams, _base),
@@ -269,8 +277,12 @@ TARGETS: Final[dict[str, Callable[[], Target]]] = {
     "mbtiles": partial(Loader, ".mbtiles", _chart, (ChartError,)),
     "picture": partial(Loader, ".png", _picture, (ChartError,)),
     "world-file": partial(Loader, ".pgw", _world_file, (ChartError,)),
+    "key-file": partial(Loader, ".key", _key_file, (KeyFileError,)),
     "records": partial(Loader, ".db", _records, (StoreError,)),
 }
+
+
+FLIGHTS: Final = ("open", "stand", "signed")
 
 
 def corpus_of(name: str) -> dict[str, bytes]:

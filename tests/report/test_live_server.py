@@ -15,9 +15,10 @@ import pytest
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
+from mission.common.network.connections import CONNECTIONS_MAX
 from mission.common.problems import MissionError
 from sim_bridge.judge.live import wire
-from sim_bridge.judge.live.server import VIEWERS_MAX, MapServer
+from sim_bridge.judge.live.server import OF_ADDRESS_MAX, VIEWERS_MAX, MapServer
 from sim_bridge.judge.page.coding import read_column
 from sim_bridge.judge.recording import COLUMNS
 from tests.unit.judge.live_kit import CONTROLS, Served, served
@@ -255,5 +256,28 @@ def test_the_end_of_the_flight_is_the_last_that_viewers_are_told(tmp_path: Path)
         assert (await told(viewer))["over"]["verdict"]["text"] == "ARRIVED"
         with pytest.raises(ConnectionClosed):
             await told(viewer)
+
+    serving(test)
+
+
+def test_connections_that_only_hold_on_keep_nobody_out(tmp_path: Path) -> None:
+    def hold(one: Served) -> list[socket.socket]:
+        sources = [f"127.0.1.{k}" for k in range(1, 3 + CONNECTIONS_MAX // OF_ADDRESS_MAX)]
+        held = []
+        for source in sources * OF_ADDRESS_MAX:
+            held.append(socket.create_connection(("127.0.0.1", one.port), 60.0, (source, 0)))
+            held[-1].sendall(b"GET / HTTP/1.1\r\n")
+        return held
+
+    async def test(one: Served) -> None:
+        one.begin(tmp_path)
+        held = await asyncio.to_thread(hold, one)
+        assert (await asyncio.to_thread(fetched, one.host))[0] == 200
+        async with connect(one.stream) as viewer:
+            assert (await told(viewer))["format"] == "understory-live"
+        closed = await asyncio.to_thread(lambda: [client.recv(1) for client in held[: len(held) - CONNECTIONS_MAX]])
+        assert set(closed) == {b""}
+        for client in held:
+            client.close()
 
     serving(test)

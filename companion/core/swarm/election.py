@@ -151,6 +151,12 @@ class Election:
         """The lease as a beacon between two steps tells it: a count back, for an heir reckons a period for each hop."""
         return self.lease and replace(self.lease, seq=max(0, self.lease.seq - 1))
 
+    def inherits_quorum(self, within_periods: int) -> bool:
+        """A leader of which it had news then hands over to this vehicle, with the majority: one stops, one begins."""
+        lease = self.lease
+        is_heir = lease is not None and lease.leader != self.me and lease.heir == self.me and lease.ends > 0
+        return lease is not None and is_heir and lease.quorum and self.age <= within_periods
+
     def receive_lease(self, lease: Lease, hop: int) -> bool:
         """A neighbour's view of the leader, `hop` hops from it; True when it is news of the leader now followed."""
         if lease.leader == self.me:

@@ -15,13 +15,17 @@ from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import Cause
 
 NO_MAJORITY: Final = failsafe_engine.row(Cause.NO_MAJORITY)
+# A leader decides for the swarm only so long after it has counted a majority. By then one that led before has noticed
+# that it has none any more, also by one-way links and a bad radio: by 1.5 s of silence at each hop and the delay of
+# NO_MAJORITY, less the 1.4 s that others take to come to lead
+DECIDES_AFTER_S: Final = 5.0
 NAMED_MAX: Final = 4  # vehicles in a message of 50 characters
 
 
 class Roster:
     """One vehicle's knowledge. `flown` only grows, and travels with every beacon; the other sets come up the routes."""
 
-    __slots__ = ("_everyone", "_excluded", "_me", "_quorum_s", "done", "flown", "present")
+    __slots__ = ("_counted_s", "_everyone", "_excluded", "_me", "_quorum_s", "done", "flown", "present")
 
     def __init__(self, me: int, size: int) -> None:
         self._me = 1 << (me - 1)
@@ -31,6 +35,7 @@ class Roster:
         self.flown = 0
         self._excluded = 0  # of whose words none count: nobody waits for them, and they are no part of the majority
         self._quorum_s: float | None = None  # when this part had the majority last
+        self._counted_s: float | None = None  # since when it has had it, as counted, but for moments
 
     def update_flown(self, beacon: Beacon) -> None:
         """Adds those that took off, by a beacon: all know of them soon, whatever the routes are."""
@@ -66,21 +71,34 @@ class Roster:
         """`done`, or all, where nobody but those excluded is waited for."""
         return self._everyone if done | self._excluded == self._everyone else done
 
-    def has_quorum(self, now_s: float, *, grounded: int = 0, at_once: bool = False) -> bool:
+    def has_quorum(self, now_s: float, *, grounded: int = 0) -> bool:
         """A leader's: its part is the majority of those that took off, or was a moment ago, by the table of failsafes.
 
-        A new leader's counts as one for so long, unless it is to be counted `at_once`.
+        A new leader has none until it has counted one, but what it has been handed (see `begin_lead`).
         """
         here, missing = (self.flown & self.present).bit_count(), self.missing_peers(grounded).bit_count()
-        if here > missing or not self.flown or (self._quorum_s is None and not at_once):
+        is_counted = here > missing or not self.flown
+        if is_counted:
             self._quorum_s = now_s
-        if self._quorum_s is None:
-            return False
-        return now_s - self._quorum_s <= NO_MAJORITY.delay_s
+        has = self._quorum_s is not None and now_s - self._quorum_s <= NO_MAJORITY.delay_s
+        if not has:
+            self._counted_s = None
+        elif is_counted and self._counted_s is None:
+            self._counted_s = now_s
+        return has
 
-    def begin_lead(self) -> None:
-        """This vehicle begins to lead: which are there comes up the routes only now."""
-        self._quorum_s = None
+    def may_decide(self, now_s: float) -> bool:
+        """A leader's: its part has had the majority for so long that no other one still goes by an older count."""
+        if self._counted_s is None:
+            return False
+        return not self.flown or now_s - self._counted_s >= DECIDES_AFTER_S
+
+    def begin_lead(self, quorum_s: float | None) -> None:
+        """This vehicle may begin to lead: which are there comes up the routes only then.
+
+        `quorum_s`: when the leader that hands over to it had the majority last; None: nobody hands over to it.
+        """
+        self._quorum_s, self._counted_s = quorum_s, None
 
 
 def list_vehicles(vehicles: Sequence[int]) -> str:

@@ -187,8 +187,8 @@ class Swarm:
         if self.phases.phase >= SwarmPhase.GATHER and not self.launched:
             self.launched = True
             self.roster.mark_launched(contacts.ready(now_s))
-        decides = eligible and not self.operator.holds and not self._holds(picture)
-        return decides and self.election.role is Role.LEADER
+        decides = self.election.role is Role.LEADER and self.roster.may_decide(now_s)
+        return decides and eligible and not self.operator.holds and not self._holds(picture)
 
     def find_route(self, picture: Picture) -> None:
         """The way to the leader, how fast it may go, and what comes up it: which are there, and which have done it."""
@@ -317,11 +317,10 @@ class Swarm:
     def _count_votes(self, picture: Picture) -> None:
         """Finds out if this part of the swarm may go on: its leader counts, and says so with the lease."""
         if self.election.role is Role.LEADER:
-            again = self.partition.recovery.hold_s == 0.0  # a part that goes ahead loses no time
             grounded = picture.contacts.grounded()
-            self.election.set_quorum(self.roster.has_quorum(picture.now_s, grounded=grounded, at_once=again))
+            self.election.set_quorum(self.roster.has_quorum(picture.now_s, grounded=grounded))
         else:
-            self.roster.begin_lead()
+            self.roster.begin_lead(picture.now_s if self.election.inherits_quorum(RENEWED_PERIODS) else None)
         self.partition.update_quorum(picture, self.election.lease)
 
     def _search_lost_peers(self, picture: Picture) -> None:

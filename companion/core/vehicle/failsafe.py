@@ -350,7 +350,7 @@ ROWS: tuple[Row, ...] = (
         Severity.WARNING,
         "land: no quorum for {delay_s} s",
         delay_s=120.0,  # it holds so long for the others
-        lingers_s=3.0,  # a new leader counts as having the majority for a second: only then it has
+        lingers_s=3.0,  # longer than links that come and go while parts draw near
     ),
     Row(
         Cause.OBSTACLES_LOST,
@@ -528,8 +528,8 @@ ROWS: tuple[Row, ...] = (
     Row(
         Cause.GNSS_ASTRAY,
         Source.INTEGRITY,
-        "its fix has left the way that trunks, or its own velocity, tell, and for {delay_s} s no trunks tell its motion: "
-        "it goes by the drift that was found, or that velocity",
+        "its fix has left the way that trunks, or its own velocity, tell, and for {delay_s} s no trunks tell its "
+        "motion: it goes by the drift that was found, or that velocity",
         lambda r: r.unseen_s,
         Response.HOLD,
         Clear.GONE,
@@ -636,8 +636,8 @@ ROWS: tuple[Row, ...] = (
     Row(
         Cause.POSITION_DOUBTED,
         Source.INTEGRITY,
-        "its fix has left the way that trunks, or its own velocity, tell: it flies by these for the rest of the flight; "
-        "or a jump was taken off its position, which has not come back",
+        "its fix has left the way that trunks, or its own velocity, tell: it flies by these for the rest of the "
+        "flight; or a jump was taken off its position, which has not come back",
         lambda r: there(r.is_astray or r.is_off),
         Response.RESIGN,
         Clear.GONE,

@@ -18,8 +18,11 @@ from companion.mavlink.framing import wire
 
 MAGIC_V1: Final = 0xFE  # as numbers, and not by the dialect's names: asked for at every frame, in every tick
 MAGIC_V2: Final = 0xFD
+_START_V1: Final = bytes([MAGIC_V1])
+_START_V2: Final = bytes([MAGIC_V2])
 SIGNED: Final = 0x01
 SIGNATURE_BYTES: Final = 13
+DATAGRAM_MAX_BYTES: Final = 4096  # that a companion reads: senders keep to an Ethernet frame, and 64 KiB cost 70 ms
 BAD_STARTS_MAX: Final = 32  # of one datagram, or one read of a stream; the rest is not worth the time of a tick
 
 
@@ -30,19 +33,29 @@ def find_frame(data: bytes, at: int = 0) -> tuple[int, int, int]:
     the id then -1 where not even the header is.
     """
     size = len(data)
-    while at < size:
-        magic = data[at]
-        if magic == MAGIC_V2:
-            if at + 10 > size:
-                return at, size + 1, -1
-            end = at + 12 + data[at + 1] + (SIGNATURE_BYTES if data[at + 2] & SIGNED else 0)
-            return at, end, data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
-        if magic == MAGIC_V1:
-            if at + 6 > size:
-                return at, size + 1, -1
-            return at, at + 8 + data[at + 1], data[at + 5]
-        at += 1
-    return size, size, -1
+    at = _find_start(data, at)
+    if at == size:
+        return size, size, -1
+    if data[at] == MAGIC_V2:
+        if at + 10 > size:
+            return at, size + 1, -1
+        end = at + 12 + data[at + 1] + (SIGNATURE_BYTES if data[at + 2] & SIGNED else 0)
+        return at, end, data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
+    if at + 6 > size:
+        return at, size + 1, -1
+    return at, at + 8 + data[at + 1], data[at + 5]
+
+
+def _find_start(data: bytes, at: int) -> int:
+    """The next start byte from `at` on, or the data's length. Nearly always the first; garbage is not looped over."""
+    size = len(data)
+    if at >= size or data[at] == MAGIC_V2 or data[at] == MAGIC_V1:
+        return min(at, size)
+    v2 = data.find(_START_V2, at)
+    v1 = data.find(_START_V1, at, size if v2 < 0 else v2)
+    if v1 >= 0:
+        return v1
+    return size if v2 < 0 else v2
 
 
 def payload_of(frame: bytes, id_bytes: bytes, crc_extra: bytes, size: int) -> bytes | None:

@@ -44,11 +44,14 @@ class Guard(Protocol):
     cloned: bool  # another companion flies as this vehicle
     refused: Counter[str]  # frames, by reason
 
-    def admits(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> bool:
-        """True: this valid frame was sent by one of the swarm, now. `said`: of a beacon.
+    def passes(self, frame: bytes, now_s: float) -> bool:
+        """True: this valid frame was sent by one of the swarm, now. Asked before it is decoded: see `take_admitted`."""
 
-        `named`: by its sender's manifests.
-        """
+    def take_admitted(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> None:
+        """A frame that has passed. `said`: of a beacon; `named`: by its sender's manifests."""
+
+    def admits(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> bool:
+        """`passes`, and then `take_admitted`."""
 
     def take_proof(self, frame: bytes, now_s: float) -> bool:
         """A frame that proves itself; False: it is none."""
@@ -84,11 +87,17 @@ class OpenGuard:
         self.cloned = False
         self.refused: Counter[str] = Counter()
 
-    def admits(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> bool:  # noqa: ARG002
+    def passes(self, frame: bytes, now_s: float) -> bool:  # noqa: ARG002
         if is_signed(frame):
             self.refused["signed"] += 1
             return False
         return True
+
+    def take_admitted(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> None:
+        pass
+
+    def admits(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> bool:  # noqa: ARG002
+        return self.passes(frame, now_s)
 
     def take_proof(self, frame: bytes, now_s: float) -> bool:  # noqa: ARG002
         return False
@@ -141,13 +150,19 @@ class SignedGuard:
 
     # --- in ---
 
-    def admits(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> bool:
-        sender = frame[5]
-        refusal = self._refusal(frame, sender, now_s)
+    def passes(self, frame: bytes, now_s: float) -> bool:
+        refusal = self._refusal(frame, frame[5], now_s)
         if refusal:
             self.refused[refusal] += 1
+        return not refusal
+
+    def take_admitted(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> None:
+        self._streams[frame[5]].take_frame(frame, said, now_s, named=named)
+
+    def admits(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> bool:
+        if not self.passes(frame, now_s):
             return False
-        self._streams[sender].take_frame(frame, said, now_s, named=named)
+        self.take_admitted(frame, now_s, said, named=named)
         return True
 
     def _refusal(self, frame: bytes, sender: int, now_s: float) -> str:
@@ -162,14 +177,17 @@ class SignedGuard:
         return stream.refusal(frame, self._session, sender, now_s)
 
     def take_proof(self, frame: bytes, now_s: float) -> bool:
-        found = manifests.read_manifest(frame)
-        if found is None:
+        if not manifests.is_manifest(frame):
             return False
         sender, session = frame[5], self._session
         if not self.holds_mac(frame):
             self.refused["forged manifest"] += 1
             self._report_sender(sender, "has another key, or another mission file: ignored", now_s)
-        elif self._is_due(sender, found[0], now_s):
+            return True
+        found = manifests.read_manifest(frame)
+        if found is None:
+            return False
+        if self._is_due(sender, found[0], now_s):
             if session.verifiers[sender].holds(found[2], found[1]):
                 self._take_manifest(sender, found[0], now_s)
             else:

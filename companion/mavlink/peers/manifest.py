@@ -48,12 +48,17 @@ def encode_manifest(manifest: Manifest, sender: int, signer: Signer) -> bytes:
     return signed + signer.sign(_vouched(sender, signed))
 
 
+def is_manifest(frame: bytes) -> bool:
+    """A whole SWARM_MANIFEST frame whose checksum holds; nothing of it is read."""
+    return _payload(frame) is not None
+
+
 def read_manifest(frame: bytes) -> tuple[Manifest, bytes, bytes] | None:
     """A whole SWARM_MANIFEST frame -> what it says, what is signed of it, and the signature, as yet unchecked.
 
     None: it is none, its checksum is wrong, or it makes no sense.
     """
-    payload = payload_of(frame, _ID_BYTES, _CRC_EXTRA, _PAYLOAD.size)
+    payload = _payload(frame)
     if payload is None:
         return None
     last, boot, span, echoes, macs, signature = _PAYLOAD.unpack(payload)
@@ -68,6 +73,10 @@ def read_manifest(frame: bytes) -> tuple[Manifest, bytes, bytes] | None:
         tuple((sender, heard) for sender, heard in _ECHO.iter_unpack(echoes) if sender),
     )
     return manifest, _vouched(frame[5], payload[:-SIGNATURE_BYTES]), signature
+
+
+def _payload(frame: bytes) -> bytes | None:
+    return payload_of(frame, _ID_BYTES, _CRC_EXTRA, _PAYLOAD.size)
 
 
 def _vouched(sender: int, payload: bytes) -> bytes:

@@ -9,7 +9,7 @@ from companion.core.model.actions import Say
 from companion.core.model.beacon import Beacon, RelativeReport
 from companion.core.model.states import Severity
 from companion.mavlink import beacon as swarm_beacon
-from companion.mavlink.beacon import COMPONENT, Decoded, Reader
+from companion.mavlink.beacon import COMPONENT, REFUSED, Decoded, Reader
 from companion.mavlink.framing import wire
 from companion.mavlink.framing.frames import source
 from companion.mavlink.harvest import RecordLink
@@ -17,9 +17,7 @@ from companion.mavlink.orders.desk import OrderDesk
 from companion.mavlink.orders.order import ORDER_ID, is_order_frame
 from companion.mavlink.own_messages import encode_relative_report
 from companion.mavlink.peers.guard import Guard
-from companion.mavlink.relative import RELATIVE_ID, read_relative_report
-
-REFUSED: Final = Decoded(0, None, (0.0, 0.0, 0.0))  # in the place of a beacon
+from companion.mavlink.relative import RELATIVE_ID, is_relative_report, read_relative_report
 
 Heard = RelativeReport | tuple[int, Decoded]  # a beacon: its sender's system id, and what of it counts
 
@@ -118,10 +116,13 @@ class _Datagram:
 
     def read_beacon(self, frame: bytes) -> Decoded | None:
         """A frame with a beacon's id -> its beacon, or REFUSED; None: it is not valid."""
-        decoded = self._reader.decode_frame(frame)
-        if decoded is None or self._guard.admits(frame, self._now_s, decoded.said):
-            return decoded
-        return REFUSED
+        decoded = self._reader.decode_frame(frame, self._passes)
+        if decoded is not None and decoded is not REFUSED:
+            self._guard.take_admitted(frame, self._now_s, decoded.said)
+        return decoded
+
+    def _passes(self, frame: bytes) -> bool:
+        return self._guard.passes(frame, self._now_s)
 
     def take_frame(self, frame: bytes) -> bool:
         """A frame beside beacons; True: it is valid, and there is no need to look into it."""
@@ -137,9 +138,10 @@ class _Datagram:
             taken = guard.admits(frame, now_s, named=False) and records.receive(frame, now_s)
             self.others += taken
             return taken
-        report = read_relative_report(frame) if self._ranging else None
-        if report is None:
+        if not self._ranging or not is_relative_report(frame):
             return False
         if source(frame)[1] == COMPONENT and guard.admits(frame, now_s):
-            self.reports.append(report)
+            report = read_relative_report(frame)
+            if report is not None:
+                self.reports.append(report)
         return True

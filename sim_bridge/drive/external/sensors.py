@@ -12,6 +12,7 @@ from mission.document.model import Mission
 from mission.schema.kinds import FaultKind
 from mission.stand.stand import Stand
 from sim_bridge.drive.external.autopilots import Autopilots
+from sim_bridge.drive.links.hub import split
 from sim_bridge.drive.links.ports import Address, Reader, bound_socket
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.sensors.table import link_name, simulated_sensors
@@ -61,13 +62,14 @@ class Sensors:
         strike_sensors(self._sensors, kind, struck)
 
     def _send(self, vehicle_id: int, data: bytes, *, by_autopilot: bool) -> None:
-        if by_autopilot:
-            self._autopilots.to_companion(vehicle_id, data)
-        elif vehicle_id in self._addresses:
-            try:
-                self._sockets[vehicle_id].sendto(data, self._addresses[vehicle_id])
-            except OSError:  # it has just ended
-                self._addresses.pop(vehicle_id)
+        for datagram in split(data):
+            if by_autopilot:
+                self._autopilots.to_companion(vehicle_id, datagram)
+            elif vehicle_id in self._addresses:
+                try:
+                    self._sockets[vehicle_id].sendto(datagram, self._addresses[vehicle_id])
+                except OSError:  # it has just ended
+                    self._addresses.pop(vehicle_id)
 
     def _reader(self, vehicle_id: int) -> Reader:
         def note_driver(_data: bytes, address: Address, _now_s: float) -> None:

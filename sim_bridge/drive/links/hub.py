@@ -9,7 +9,7 @@ from typing import Final
 
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import COMPONENT
-from companion.mavlink.framing.frames import frames
+from companion.mavlink.framing.frames import DATAGRAM_MAX_BYTES, frames
 from mission.common.frames import Vec3
 from sim_bridge.drive.links.ports import Address
 from sim_bridge.drive.links.radio_node import RadioNode
@@ -18,7 +18,6 @@ from sim_bridge.world.autopilot.protocols.links import Port
 from sim_bridge.world.radio import Radio
 
 COMPANION_ALIVE_S: Final = 0.5  # five beacons: one that is started again is let in when its forerunner is surely gone
-BEACONS_MAX_BYTES: Final = 60_000  # in one datagram
 CARRIED = frozenset(  # to the other companions
     {
         dialect.MAVLINK_MSG_ID_SWARM_BEACON,
@@ -158,7 +157,7 @@ class RadioHub:
             beacons = self.radio.deliver(vehicle_id, now_s)
             address = self.gate.address_of(vehicle_id)
             if beacons and address:
-                for datagram in split(beacons, BEACONS_MAX_BYTES):
+                for datagram in split(beacons):
                     self._send(datagram, address)
 
     def _place_radios(self) -> Mapping[int, Vec3]:
@@ -177,7 +176,7 @@ class RadioHub:
             self.unsent += 1
 
 
-def split(data: bytes, size_max: int) -> Iterator[bytes]:
+def split(data: bytes, size_max: int = DATAGRAM_MAX_BYTES) -> Iterator[bytes]:
     """The valid frames in `data` in parts of at most `size_max` bytes, but at least a frame each."""
     part = 0
     for start, end, _ in frames(data):

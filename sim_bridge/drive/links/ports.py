@@ -18,7 +18,8 @@ from sim_bridge.options.ports import Address as Address
 
 DATAGRAM_MAX_BYTES = 65536
 BUFFER_BYTES = 1 << 20  # asked of the kernel: what arrives during a slow step
-READS_PER_TURN = 256  # datagrams of one socket before the others, and the next step, have their turn
+READS_PER_TURN = 256  # datagrams of one socket before the others, and the next step, have their turn,
+READ_S = 0.05  # and for how long: a flood of one slows the world down, and does not stop it
 
 Reader = Callable[[bytes, Address, float], None]
 
@@ -76,6 +77,8 @@ class Listener:
                 except OSError:  # an earlier datagram found its port closed
                     continue
                 key.data(data, address, now_s)
+                if clock() - now_s >= READ_S:
+                    break
 
     def close(self) -> None:
         """Stop listening."""

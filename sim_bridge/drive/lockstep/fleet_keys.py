@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -96,3 +97,11 @@ class FleetKeys:
 
     def _draw(self, what: str, owner: int) -> bytes:
         return hashlib.sha256(f"understory simulated fleet: {self._seed}, {what}, {owner}".encode()).digest()
+
+
+def key_files(keys: FleetKeys | None, folder: Path) -> Callable[[int], Path | None]:
+    """The files of companions that are processes: written, and where they are. OSError."""
+    if keys is None:
+        return lambda _vehicle_id: None
+    keys.write_files(folder)
+    return lambda vehicle_id: folder / file_name(vehicle_id)

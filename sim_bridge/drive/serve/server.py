@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from companion.records.record import BASE_ID
 from mission.cli.main import EXIT_BAD_FILE
 from mission.common.frames import Vec3
-from sim_bridge.drive.links.hub import RadioHub, Say
+from sim_bridge.drive.links.hub import RadioHub, Say, split
 from sim_bridge.drive.links.ports import PORT_MAX, Address, Listener, Reader, bound_socket
 from sim_bridge.drive.lockstep.harvest import base_place
 from sim_bridge.drive.ticks import world_tick
@@ -292,8 +292,9 @@ class Server:
                 own = None if sensor.by_autopilot else self._ports.sensors.get(vehicle_id)
                 bound = self._ports.onboard[vehicle_id] if own is None else own
                 clients = self._onboard[vehicle_id] if own is None else self._sensors[vehicle_id]
-                for address in clients.addresses:
-                    self._send(bound, data, address)
+                for datagram in split(data) if clients.addresses else ():
+                    for address in clients.addresses:
+                        self._send(bound, datagram, address)
 
     def _send(self, bound: socket.socket, data: bytes, address: Address) -> None:
         try:

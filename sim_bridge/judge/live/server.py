@@ -16,7 +16,9 @@ from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
+from mission.common.network.connections import Connections
 from sim_bridge.judge.live import guests, wire
+from sim_bridge.judge.live.admission import bounded
 from sim_bridge.judge.live.viewer import Viewer
 
 if TYPE_CHECKING:  # numpy, and what else it takes to draw, is loaded when somebody looks
@@ -25,6 +27,7 @@ if TYPE_CHECKING:  # numpy, and what else it takes to draw, is loaded when someb
 FORMAT: Final = "understory-live"
 VERSION: Final = 1
 VIEWERS_MAX: Final = 16
+OF_ADDRESS_MAX: Final = 2 * VIEWERS_MAX  # connections: one too many is told so, and a page is fetched beside
 ROWS_MAX: Final = 6000  # ten minutes at 10 Hz
 PAIRS_MAX: Final = 200_000  # of vehicles, in all the rows that a snapshot looks back at: a second's work
 ROWS_LEAST: Final = 20
@@ -32,6 +35,7 @@ ROWS_PENDING: Final = 64
 EVENTS_MAX: Final = 1000
 BUFFER_BYTES: Final = 1 << 17  # that wait in this process for a slow viewer, besides its newest rows
 PING_S: Final = 20.0  # a viewer that does not answer for twice so long is let go
+OPEN_S: Final = 5.0  # for a whole request, however it drips in, and its answer
 LAST_WORD_S: Final = 2.0  # that viewers have to take the end of the flight
 PAGE_PATH, STREAM_PATH = "/", "/live"
 TRY_AGAIN_LATER: Final = 1013  # close code of RFC 6455's registry
@@ -53,6 +57,7 @@ class MapServer:
         self._newest: dict[str, Any] = {}  # of what only the last value counts of
         self._wake = asyncio.Event()
         self._over = asyncio.Event()
+        self._connections = Connections[ServerConnection](of_address=OF_ADDRESS_MAX)
 
     async def run(self, listener: socket.socket) -> None:
         """Until the flight is over and its viewers have been told."""
@@ -64,6 +69,8 @@ class MapServer:
             self._meet,
             sock=listener,
             process_request=self._answer,
+            create_connection=bounded(self._connections),
+            open_timeout=OPEN_S,
             compression=None,  # costs more than it saves on this machine's own loopback
             max_size=guests.COMMAND_MAX_BYTES,
             max_queue=4,
@@ -126,6 +133,7 @@ class MapServer:
 
     async def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """The page, a refusal, or None: a WebSocket may be opened."""
+        self._connections.mark_asked(connection)
         host = request.headers.get_all("Host")
         if len(host) != 1 or not guests.is_ours(host[0], self._port):
             return connection.respond(HTTPStatus.FORBIDDEN, "This server answers to its address only.\n")

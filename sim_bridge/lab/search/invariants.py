@@ -17,6 +17,7 @@ from mission.schema.kinds import FaultKind
 from sim_bridge.drive.fly import Flight
 from sim_bridge.judge.tick import Tick
 from sim_bridge.judge.verdict import Grade
+from sim_bridge.lab.search.authority import Authority
 from sim_bridge.world.autopilot import CopterMode, Px4Mode
 
 OVER_SHARE: Final = 1.02  # of a limit: setpoints travel as 32-bit floats
@@ -180,7 +181,26 @@ class Alone(Invariant):
         return ""
 
 
-INVARIANTS: Final[tuple[type[Invariant], ...]] = (Setpoints, Pilots, Alone, Progress)  # worst first
+class OneDecides(Invariant):
+    """The beacons of the flight are a trace of the model of who decides."""
+
+    cause = "authority"
+    means = "two vehicles decided for the swarm at once, or one that had not the majority"
+
+    def __init__(self, mission: Mission) -> None:
+        super().__init__(mission)
+        self._model = Authority()
+
+    def find_violation(self, flight: Flight) -> str:
+        """The first beacon that no trace of the model has."""
+        tick = flight.last
+        lies = [event for event in flight.faults.happened if event.kind is FaultKind.INSIDER]
+        liars = {vehicle for event in lies for vehicle in event.vehicles}
+        broken = self._model.judge_tick(tick.time_s, tick.said, tick.answered, liars)
+        return broken and f"{broken}, at {tick.time_s:.1f} s"
+
+
+INVARIANTS: Final[tuple[type[Invariant], ...]] = (Setpoints, Pilots, Alone, OneDecides, Progress)  # worst first
 
 
 def _on_the_way(tick: Tick) -> list[int]:

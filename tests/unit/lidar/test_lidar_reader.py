@@ -18,7 +18,7 @@ from tests.unit.lidar.lidar_kit import mid360_points
 class Queue:
     """A link with datagrams that have come already."""
 
-    errors = 0
+    errors = lost = 0
     up = True
 
     def __init__(self, fd: int, datagrams: list[bytes]) -> None:

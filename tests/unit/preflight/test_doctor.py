@@ -46,7 +46,7 @@ MESH = parse_url("udpbcast://127.255.255.255:14660", PEERS_SCHEMES)
 class Heard:
     """A link on which `data` has already come."""
 
-    errors = 0
+    errors = lost = 0
     up = True
 
     def __init__(self, data: tuple[bytes, ...]) -> None:

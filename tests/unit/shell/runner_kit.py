@@ -19,7 +19,7 @@ class MemoryLink:
     """A link whose far end is a list."""
 
     def __init__(self) -> None:
-        self.errors = 0
+        self.errors = self.lost = 0
         self.up = True
         self.arriving: deque[bytes] = deque()
         self.sent: list[bytes] = []

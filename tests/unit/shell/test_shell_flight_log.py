@@ -17,6 +17,7 @@ from companion.core.model.events import Position
 from companion.core.model.states import FlightState, Severity
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint
+from companion.mavlink.framing.signing import Gate
 from companion.mavlink.packing import pack_ranges
 from companion.mavlink.sensor_inputs import SensorInputs
 from companion.sensors.table import sensors_of
@@ -113,6 +114,7 @@ def watched(
     endpoint: Any = SimpleNamespace(
         id=3,
         autopilot=SimpleNamespace(bad=0),
+        autopilot_gate=Gate(takes_signed=True),
         peers=SimpleNamespace(without_beacon=0, guard=SimpleNamespace(refused={})),
         orders=SimpleNamespace(counters=dict),
         codec=SimpleNamespace(dropped=0, other_versions=0),
@@ -122,8 +124,8 @@ def watched(
         survey=None,
         agent=Agent(mission(), 3),
     )
-    link: Any = SimpleNamespace(up=True, errors=0)
-    peers: Any = SimpleNamespace(up=True, errors=0)
+    link: Any = SimpleNamespace(up=True, errors=0, lost=0)
+    peers: Any = SimpleNamespace(up=True, errors=0, lost=0)
     return endpoint, link, ChangeLogger(log, endpoint, link, peers), lambda: [line[13:] for line in lines()]
 
 
@@ -177,7 +179,7 @@ def test_own_motion_that_trunks_correct_and_do_not_any_more_is_logged(
 ) -> None:
     log, lines = log_file
     endpoint = endpoint_of(mission(sensing={}), {"obstacles": True})
-    link: Any = SimpleNamespace(up=True, errors=0)
+    link: Any = SimpleNamespace(up=True, errors=0, lost=0)
     watch = ChangeLogger(log, endpoint, link, link)
     perception: Any = endpoint.agent.perception
     perception.motion.velocity_bias_ne_mps = (0.1, 0.0)
@@ -199,7 +201,7 @@ def lines_of(lines: Callable[[], list[str]]) -> list[str]:
 def test_range_radio_of_another_system_is_named_once(log_file: tuple[FlightLog, Callable[[], list[str]]]) -> None:
     log, lines = log_file
     endpoint = endpoint_of(ranging_mission())
-    link: Any = SimpleNamespace(up=True, errors=0)
+    link: Any = SimpleNamespace(up=True, errors=0, lost=0)
     watch = ChangeLogger(log, endpoint, link, link)
     for k in range(3):
         endpoint.from_sensor(ranges_frame(system=7), k / 20)
@@ -215,8 +217,8 @@ def test_range_radio_whose_link_or_driver_drops_is_logged_and_counted(
 ) -> None:
     log, lines = log_file
     endpoint = endpoint_of(ranging_mission(), {"ranges": True})
-    link: Any = SimpleNamespace(up=True, errors=0)
-    radio: Any = SimpleNamespace(up=True, errors=0)
+    link: Any = SimpleNamespace(up=True, errors=0, lost=0)
+    radio: Any = SimpleNamespace(up=True, errors=0, lost=0)
     watch = ChangeLogger(log, endpoint, link, link, {"ranges": radio})
     for k in range(240):
         if k < 10 or k > 200:
@@ -243,8 +245,8 @@ def test_sensor_that_is_heard_lost_and_heard_again_is_told_each_time(
 ) -> None:
     log, lines = log_file
     endpoint = endpoint_of(mission(sensing={"stale_s": 0.3}), {"obstacles": False})
-    link: Any = SimpleNamespace(up=True, errors=0)
-    sensor: Any = SimpleNamespace(up=True, errors=0)
+    link: Any = SimpleNamespace(up=True, errors=0, lost=0)
+    sensor: Any = SimpleNamespace(up=True, errors=0, lost=0)
     watch = ChangeLogger(log, endpoint, link, link, {"obstacles": sensor})
     for k in range(40):
         if k < 10 or k > 30:
@@ -272,7 +274,7 @@ def test_status_says_what_the_safety_filter_cuts_of_the_desired_velocity(
     log_file: tuple[FlightLog, Callable[[], list[str]]],
 ) -> None:
     endpoint = Endpoint(mission(), 3)
-    link: Any = SimpleNamespace(up=True, errors=0)
+    link: Any = SimpleNamespace(up=True, errors=0, lost=0)
     watch = ChangeLogger(log_file[0], endpoint, link, link)
     own = Position((0.0, 0.0, -10.0), (0.0, 0.0, 0.0))
     endpoint.agent.setpoint = endpoint.agent.safety_filter.apply((30.0, 0.0, 0.0), surroundings(own), dt_s=9.0)
@@ -299,3 +301,45 @@ def test_an_error_that_stopped_the_survey_is_logged_once(watched: Watched) -> No
     watch.log_changes(3.0, [])
     stopped = [line for line in lines() if "survey" in line]
     assert stopped == [f"survey stopped, the flight goes on: {endpoint.survey.error}"]
+
+
+def statustexts(data: bytes) -> list[tuple[int, str]]:
+    """Severity and text of each."""
+    parsed = dialect.MAVLink(None).parse_buffer(data) or []
+    return [(m.severity, m.text.rstrip("\0")) for m in parsed if m.get_type() == "STATUSTEXT"]
+
+
+@pytest.mark.sources
+def test_a_flood_is_told_to_the_operator_with_the_beacons_that_are_lost(
+    log_file: tuple[FlightLog, Callable[[], list[str]]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log, lines = log_file
+    endpoint = endpoint_of(mission())
+    link: Any = SimpleNamespace(up=True, errors=0, lost=0)
+    peers: Any = SimpleNamespace(up=True, errors=0, lost=0)
+    watch = ChangeLogger(log, endpoint, link, peers)
+    heard = [SimpleNamespace(beacon=SimpleNamespace(sender=k), share=share) for k, share in ((1, 1.0), (2, 0.43))]
+    status = endpoint.agent.status(0.0)
+    monkeypatch.setattr(endpoint.agent, "localiser", SimpleNamespace(neighbours=heard))
+    monkeypatch.setattr(endpoint.agent, "status", lambda _now_s: status)
+    told: list[Say] = []
+    monkeypatch.setattr(endpoint, "queue_say", told.append)
+    for second in range(9):
+        peers.lost += 4120 if second == 1 else 0
+        watch.log_changes(float(second), [])
+    assert told == [
+        Say(Severity.WARNING, "peers' link flooded: 4120 lost unread"),
+        Say(Severity.WARNING, "beacons lost: 43 % of vehicle 2's arrive"),
+        Say(Severity.NOTICE, "peers' link flood over: 4120 lost unread"),
+    ]
+    assert "beacons that arrive: 1 100 %, 2 43 %" in lines_of(lines)
+
+
+def test_what_is_told_goes_to_the_operator_with_the_next_tick() -> None:
+    endpoint = endpoint_of(mission())
+    endpoint.tick(10.0)
+    endpoint.report_surroundings(Say(Severity.WARNING, "peers' link flooded: 4120 lost unread"))
+    out = endpoint.tick(10.05)
+    assert (4, "peers' link flooded: 4120 lost unread") in statustexts(out.autopilot)
+    assert Say(Severity.WARNING, "peers' link flooded: 4120 lost unread") in out.said
+    assert statustexts(endpoint.tick(10.1).autopilot) == []

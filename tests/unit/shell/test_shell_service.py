@@ -84,7 +84,7 @@ def test_a_manager_that_is_gone_or_full_is_counted_and_ready_is_said_when_it_lis
 class QuietLink:
     """Nothing comes, all goes."""
 
-    errors = 0
+    errors = lost = 0
     up = True
 
     def fileno(self) -> int:

@@ -12,7 +12,8 @@ from itertools import cycle
 
 import pytest
 
-from companion.watch.connections import (
+from companion.watch.server import STREAMS_MAX, Stream, WatchServer
+from mission.common.network.connections import (
     AGAIN_S,
     CONNECTIONS_MAX,
     HEAD_MAX_BYTES,
@@ -25,7 +26,6 @@ from companion.watch.connections import (
     read_head,
     send_within,
 )
-from companion.watch.server import STREAMS_MAX, Stream, WatchServer
 
 GET = b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n"
 NEVER = Patience(head_s=3600.0, answer_s=3600.0)

@@ -39,9 +39,7 @@ class LeadWatch:
 
     __slots__ = (
         "_apart_s",
-        "_at_stop",
         "_beacons",
-        "_from_ned_m",
         "_holds",
         "_left",
         "_limits_s",

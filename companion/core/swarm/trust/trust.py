@@ -61,9 +61,10 @@ class Trust:
             self._courses.note_doubt(beacon.sender, "route cost is false", PLAIN_LIE, now_s)
             beacon = replace(beacon, route_cost=LEAST_COST)
         lease = beacon.lease
-        if self._courses.has(beacon.sender) and (lease is None or lease.leader != beacon.sender):
-            beacon = strip_course(beacon)
-        return beacon
+        leads = lease is not None and lease.leader == beacon.sender
+        # A route over one that leads unasked would take its followers from the leader's count of its part.
+        is_false = not self._leads.may_lead(beacon.sender) if leads else self._courses.has(beacon.sender)
+        return strip_course(beacon) if is_false else beacon
 
     def receive_lease(self, beacon: Beacon, election: Election, now_s: float) -> bool:
         """A new beacon of another member, for the election: its lease, as far as it counts; True: it is news."""
@@ -86,9 +87,10 @@ class Trust:
         seq, at_s = self._own_words_s.get(lease.leader, (own.seq, now_s))
         if lease.seq > seq + int((now_s - at_s) / self._period_s) + PERIODS_BESIDE:
             return None
-        if (lease.heir, lease.ends, lease.established) == (own.heir, own.ends, own.established):
+        said = (lease.heir, lease.ends, lease.established, lease.quorum)
+        if said == (own.heir, own.ends, own.established, own.quorum):
             return lease
-        return replace(lease, heir=own.heir, ends=own.ends, established=own.established)
+        return replace(lease, heir=own.heir, ends=own.ends, established=own.established, quorum=own.quorum)
 
     def believes_phase(
         self, beacon: Beacon, election: Election, phases: Phases, now_s: float, *, is_news: bool

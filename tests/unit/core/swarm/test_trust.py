@@ -128,6 +128,24 @@ def test_even_a_leader_takes_no_step_that_the_mission_does_not_have(
     assert gate.is_believed(said, phases, 1, after_s, is_news=True) is believed
 
 
+@pytest.mark.parametrize(("after_s", "believed"), [(5.0, False), (6.9, False), (7.1, True), (14.0, True)])
+def test_a_leader_may_leave_a_tree_early_where_the_mission_has_until_and_not_before_its_least_time(
+    after_s: float, believed: bool
+) -> None:
+    flies = mission(
+        swarm={"size": 6},
+        route={"at_end": "land"},
+        coverage={"duration_s": 60.0},
+        sensing={"sensor": "scan-1deg"},
+        survey={"until": {"basal_area_pct": 10.0, "after_s": 10.0}},
+    )
+    gate, phases = on_the_way(flies, SwarmPhase.COVERAGE)
+    said = beacon(1, phase=SwarmPhase.LAND, lease=lease(1, 7, established=True), hop=0)
+    gate.store(said, after_s)
+    assert gate.is_believed(said, phases, 1, after_s, is_news=True) is believed
+    assert gate.is_foul(said, phases, after_s) is not believed
+
+
 def test_while_an_operator_holds_it_no_leader_is_late_and_none_too_soon() -> None:
     """It may be the only one that is held: a leader that was not has counted that time, too."""
     gate, phases = on_the_way(phase=SwarmPhase.COVERAGE)
@@ -190,6 +208,22 @@ def test_one_that_was_not_heard_meanwhile_may_come_from_another_part() -> None:
     watch, election = LeadWatch(MISSION), follower_of(lease(1, 500, established=True))
     watch.note_claim(beacon(3, lease=lease(1, 500, established=True)), election, 1.0)
     assert watch.note_claim(beacon(3, lease=Lease(3, 900, 0, 10, established=True)), election, 3.0)
+
+
+def test_of_a_part_without_the_majority_another_may_come_to_lead() -> None:
+    """Found by exploration: a leader that was cut off with nobody comes back when the others have just elected."""
+    alone = Lease(1, 500, 0, 0, True, quorum=False)
+    watch, election = LeadWatch(MISSION), follower_of(alone)
+    watch.note_claim(beacon(3, lease=lease(3, 900)), election, 1.0)
+    assert watch.note_claim(beacon(3, lease=Lease(3, 901, 0, 10, established=True)), election, 1.1)
+    assert watch.may_lead(3)
+
+
+def test_a_relay_cannot_say_that_a_leader_that_is_heard_has_lost_the_majority() -> None:
+    trust, election = Trust(MISSION, 5, Priorities(MISSION)), follower_of(lease(1, 500, established=True))
+    trust.receive_lease(beacon(1, lease=lease(1, 501, established=True)), election, 1.0)
+    trust.receive_lease(beacon(3, lease=Lease(1, 502, 0, 0, True, quorum=False), hop=1), election, 1.1)
+    assert election.lease == lease(1, 502, established=True)
 
 
 def test_the_heir_that_the_leader_itself_names_may_come_to_lead() -> None:
@@ -262,6 +296,17 @@ def test_who_hands_down_a_false_course_may_lead_all_the_same() -> None:
     said = beacon(3, lease=Lease(3, 900, 0, 10, established=True), route_cost=0.0)
     assert trust.sanitise_beacon(said, 3.0).route_cost == 0.0
     assert trust.receive_lease(said, election, 3.0)
+
+
+def test_no_route_goes_over_one_that_leads_unasked() -> None:
+    """Or those behind it are lost to the leader's count, which then lacks the majority, and gives way."""
+    trust, election = Trust(MISSION, 5, Priorities(MISSION)), follower_of(lease(1, 500, established=True))
+    usurps = beacon(3, lease=Lease(3, 900, 0, 10, established=True), route_cost=0.0, ref_ned_mps=(0.0, 3.0, 0.0))
+    trust.receive_lease(beacon(3, lease=lease(1, 500, established=True)), election, 1.0)
+    assert trust.sanitise_beacon(usurps, 1.1) == usurps
+    assert not trust.receive_lease(usurps, election, 1.1)
+    said = trust.sanitise_beacon(usurps, 1.2)
+    assert (said.route_cost, said.ref_ned_mps) == (NO_ROUTE, (0.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize("leads", [False, True])

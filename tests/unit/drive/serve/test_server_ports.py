@@ -13,7 +13,7 @@ import pytest
 
 from companion.mavlink import dialect as mav
 from sim_bridge.drive.links.hub import split
-from sim_bridge.drive.links.ports import Address
+from sim_bridge.drive.links.ports import Address, Listener, bound_socket
 from sim_bridge.drive.serve import program as serve
 from sim_bridge.drive.serve.server import (
     CLIENT_SILENCE_S,
@@ -244,3 +244,25 @@ class TestRun:
         with pytest.raises(SystemExit) as ended:
             arguments("mission.toml", *options)
         assert ended.value.code == 2
+
+
+def test_a_flood_of_one_port_leaves_the_others_their_turn_in_time() -> None:
+    with bound_socket("flooded", 0) as flooded, bound_socket("other", 0) as other, bound_socket("sender", 0) as sender:
+        now_s = 0.0
+        read: list[bytes] = []
+
+        def receive_slowly(data: bytes, _address: Address, _now_s: float) -> None:
+            nonlocal now_s
+            now_s += 0.02
+            read.append(data)
+
+        listener = Listener()
+        listener.listen(flooded, receive_slowly)
+        listener.listen(other, receive_slowly)
+        for _ in range(20):
+            sender.sendto(b"flood", flooded.getsockname())
+        sender.sendto(b"genuine", other.getsockname())
+        listener.poll(5.0, lambda: now_s)
+        listener.close()
+        assert read.count(b"flood") == 3
+        assert read.count(b"genuine") == 1

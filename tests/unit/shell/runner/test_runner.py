@@ -147,3 +147,46 @@ def test_a_signal_gives_the_reason_and_wakes_the_loop(number: signal.Signals) ->
         select.select([stop.fileno()], [], [], 20.0)
         assert stop.reason == number.name
     assert signal.getsignal(number) is before
+
+
+def test_a_flooded_link_is_read_again_before_the_kernels_queue_is_full(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """500 datagrams in 50 ms are more than it keeps: what is genuine was lost with the rest."""
+    waited_s: list[float] = []
+    comes = iter([65, 3, 2, 58, 65])
+
+    def select_and_note(*arguments: Any) -> None:
+        waited_s.append(arguments[3])
+        bench.select(*arguments)
+        bench.peers.arriving.extend([b"flood"] * next(comes, 0))
+
+    monkeypatch.setattr(runner_module, "select", SimpleNamespace(select=select_and_note))
+    bench.waits_left = 6
+    bench.runner.by_monotonic()
+    soon = runner_module.FLOOD_WAIT_S
+    assert waited_s == pytest.approx([0.0, soon, soon, 0.05 - 2 * soon, 0.05, soon])
+    assert bench.ticks_s == [1000.0, 1000.05, 1000.1]
+
+
+def test_dear_datagrams_of_a_radio_take_no_turns_of_the_autopilots(bench: Bench) -> None:
+    """A link's share is time, not datagrams: 4 KiB of frames cost a hundred times what a telemetry datagram does."""
+
+    def take(_data: bytes, now_s: float) -> None:
+        bench.endpoint.done.append(("peers", b"", now_s))
+        bench.now_s += 0.004
+
+    def take_telemetry(data: bytes, now_s: float) -> None:
+        bench.endpoint.done.append(("autopilot", data, now_s))
+        bench.now_s += 0.0001
+
+    bench.endpoint.from_peers = take  # type: ignore[method-assign]
+    bench.endpoint.from_autopilot = take_telemetry  # type: ignore[method-assign]
+    bench.peers.arriving.extend([b"flood"] * 1000)
+    bench.autopilot.arriving.extend([b"telemetry"] * 30)
+    bench.waits_left = 1
+    bench.runner.by_monotonic()
+    heard = [what for what, _, _ in bench.endpoint.done]
+    assert heard.count("autopilot") == 30
+    assert heard.index("tick") == len(heard) - 1
+    assert heard.count("peers") <= 3

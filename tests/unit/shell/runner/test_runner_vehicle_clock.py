@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from companion.mavlink.framing.frames import Framing
+from companion.shell.runner import DRAIN_MAX
 from tests.unit.shell.runner_kit import HEARTBEAT, OWN, Bench, timesync
 
 
@@ -154,3 +155,16 @@ def test_the_bytes_of_the_autopilot_are_parsed_once(bench: Bench) -> None:
     bench.waits_left = 1
     bench.runner.by_vehicle(b"hello")
     assert bench.endpoint.read == [data]
+
+
+def test_a_flood_of_any_link_takes_a_bounded_part_of_a_tick_and_each_request_is_answered(bench: Bench) -> None:
+    for _ in range(3):
+        bench.peers.arriving.extend([b"flood"] * 10_000)
+        bench.sensor.arriving.extend([b"flood"] * 10_000)
+    bench.autopilot.arriving.extend(timesync(k * 50_000_000) for k in range(1, 4))
+    bench.waits_left = 3
+    bench.runner.now_s = 0.0  # a time is known: no hello
+    bench.runner.by_vehicle(b"hello")
+    heard = [what for what, _, _ in bench.endpoint.done]
+    assert bench.ticks_s == [0.05, 0.1, 0.15]
+    assert (heard.count("peers"), heard.count("sensor")) == (3 * DRAIN_MAX, 3 * DRAIN_MAX)
