@@ -11,13 +11,15 @@ DEV_READY := $(VENV)/.ready-dev
 MISSION ?= mission/examples/lone_tree.toml
 FLY ?=
 
-.PHONY: help install pure fly test fuzz coverage check bench referees other-simulators conformance table1 bundle board-test docs dialect page page-check lock clean
+.PHONY: help install pure fly test fuzz taken-out mutants coverage check bench referees other-simulators conformance table1 bundle board-test docs dialect page page-check lock clean
 
 help:
 	@echo "make fly      set everything up, fly 8 vehicles to a tree     (MISSION=... FLY='-n 4 --seed 2')"
 	@echo "make test     set everything up, run all tests on all cores"
 	@echo "make fuzz     forged frames, files and flights, then the property tests with many more examples, others each time"
 	@echo "              (EXECUTIONS=1000000 TIMES=20 SEED=...; one part alone: python -m tests.fuzz --help)"
+	@echo "make taken-out each defence of docs/reference/hazards.md taken out in a copy: does a test of it fail"
+	@echo "make mutants  small changes to filter, election, trust, radio and orders: does a test fail (an hour; EACH=120 OF=25)"
 	@echo "make coverage the tests of the core alone, and how many of its branches they see"
 	@echo "make check    lint, types, import contracts, unused code, lengths, words, generated files"
 	@echo "make conformance  our autopilots against recorded flights of PX4 and ArduCopter"
@@ -90,6 +92,25 @@ SEED ?= $(shell date +%s)
 fuzz: $(DEV_READY)
 	$(BIN)/python -m tests.fuzz --seed $(SEED) --executions $(EXECUTIONS)
 	FUZZ=$(TIMES) $(BIN)/python $(SIDE_BY_SIDE) tests/property
+
+taken-out: $(DEV_READY)
+	$(BIN)/python -m tests.mutants taken-out
+
+EACH ?= 120
+OF ?= 25
+MUTANTS := .venv-mutants
+
+mutants: $(DEV_READY) $(MUTANTS)/.ready
+	$(BIN)/python -m tests.mutants mutants --python $(MUTANTS)/bin/python --each $(EACH) --seed $(OF)
+
+# mutmut in an environment of its own, beside which it finds what the tests need.
+$(MUTANTS)/.ready: tests/mutants/mutmut.lock $(DEV_READY)
+	@echo "installing mutmut into $(MUTANTS): half a minute, once"
+	@$(BIN)/python -m venv $(MUTANTS)
+	@$(MUTANTS)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r $<
+	@$(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))' \
+	  > $$($(MUTANTS)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/project.pth
+	@touch $@
 
 # The core, part by part, with its branches counted: where too few of them are seen, it fails. Of the
 # other tests nothing is counted: they fly whole swarms or start programs, and would take much longer.
@@ -164,6 +185,7 @@ lock: $(DEV_READY)
 	$(COMPILE) pyproject.toml --extra survey companion/board/installer.in -c requirements.lock -o requirements-board.lock
 	$(COMPILE) pyproject.toml $(DEV_EXTRAS:%=--extra %) -c requirements.lock -o requirements-dev.lock
 	for simulator in $(OTHER_SIMULATORS); do $(COMPILE) tests/bench/other_simulators/$$simulator.in -o tests/bench/other_simulators/$$simulator.lock; done
+	$(COMPILE) tests/mutants/mutmut.in -c requirements-dev.lock -o tests/mutants/mutmut.lock
 
 clean: pure
-	rm -rf $(VENV) .venv-other-simulators $(WEB)/node_modules build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) .venv-other-simulators $(MUTANTS) $(WEB)/node_modules build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -59,6 +59,7 @@ COMPILED = {
     ),
     "companion.mavlink.native": (
         "companion/mavlink/*.py",
+        "companion/mavlink/autopilot_link/*.py",
         "companion/mavlink/framing/*.py",
         "companion/mavlink/peers/*.py",
         "companion/sensors/scans.py",

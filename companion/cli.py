@@ -12,6 +12,7 @@ from companion import help_texts
 from companion.keys.options import add_key_commands
 from companion.lidar.options import MODEL_NAMES, RAW_NAMES, parse_band, parse_mask
 from companion.order.options import add_order_commands
+from companion.radio_options import add_base_keys, add_preflight_keys, add_run_keys
 from companion.sensor_options import add_sensor_options
 from companion.shell.urls import AUTOPILOT_SCHEMES, HEARING_SCHEMES, PEERS_SCHEMES, Scheme, Url, UrlError, parse_url
 from companion.stand.form_height import FORM_HEIGHT_M
@@ -83,12 +84,7 @@ def build_parser() -> argparse.ArgumentParser:
         metavar="CHECK[,CHECK...]",
         help="take these failed checks of the report as accepted; `all`: arm without any report, as in the simulator",
     )
-    _add_key(
-        run,
-        "this vehicle's key file, by which its radio is signed and orders are the operator's (`companion key`)",
-        "without a key, as in the simulator: whoever is in radio range can start, lead and land it; log, service and "
-        "ground station are told",
-    )
+    add_run_keys(run)
     run.add_argument("--clock", choices=("monotonic", "vehicle"), default="monotonic", help="default: monotonic")
     run.add_argument("--log", metavar="FILE", help="append the flight log to FILE; default: stderr")
     run.add_argument(
@@ -109,13 +105,6 @@ def build_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _add_key(command: argparse.ArgumentParser, key: str, unsigned: str) -> None:
-    """Either is needed; the command itself says so, with how to make a key."""
-    either = command.add_mutually_exclusive_group()
-    either.add_argument("--key", metavar="FILE", help=key)
-    either.add_argument("--unsigned", action="store_true", help=unsigned)
-
-
 def _add_preflight(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     preflight = commands.add_parser(
         "preflight",
@@ -134,7 +123,7 @@ def _add_preflight(commands: argparse._SubParsersAction[argparse.ArgumentParser]
     preflight.add_argument(
         "--apply", action="store_true", help="set wrong parameters and the fence, and read them back; never while armed"
     )
-    preflight.add_argument("--key", metavar="FILE", help="this vehicle's key file, to be checked")
+    add_preflight_keys(preflight)
     preflight.add_argument("--report", metavar="FILE", help="write the report to FILE, for `companion run --preflight`")
     preflight.add_argument("--json", action="store_true", help="print the report as JSON instead of a table")
 
@@ -175,6 +164,11 @@ def _add_watch(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help=f"where tablets reach this computer, with a token (default: 127.0.0.1:{PORT}, this computer alone)",
     )
     watch.add_argument("--mission", metavar="FILE", help="draw its places, and look at its fence")
+    watch.add_argument(
+        "--key",
+        metavar="FILE",
+        help="the operator's key file: show only what the swarm has signed, and say who else speaks (with --mission)",
+    )
     watch.add_argument(
         "--map", metavar="FILE", help="MBTiles of pictures, or an image with its world file (a metre grid)"
     )
@@ -258,7 +252,7 @@ def _add_base(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
         allow_abbrev=False,
     )
     base.add_argument("mission", metavar="MISSION", help="mission file (TOML) with [survey]; the swarm's own")
-    _add_key(base, "the operator's key file", "without a key, as in the simulator: of a swarm whose radio is unsigned")
+    add_base_keys(base)
     base.add_argument("--listen", required=True, type=_url(PEERS_SCHEMES), metavar="URL", help="link to the companions")
     base.add_argument(
         "--records",

@@ -164,6 +164,10 @@ EXAMPLES = {
         "companion key show-id fleet/vehicle-3.key",
         "companion key show-id /etc/understory/vehicle.key",
     ),
+    "key autopilot": (
+        "companion key autopilot fleet/vehicle-3.key --out autopilot-3.passphrase",
+        "companion key autopilot /etc/understory/vehicle.key --out /media/safe/autopilot-3.passphrase",
+    ),
     "key rotate": ("companion key rotate fleet", "companion key rotate fleet --finish"),
     "key revoke": ("companion key revoke fleet 3", "companion key revoke /media/safe/forest 12"),
     "base": (

@@ -11,6 +11,7 @@ import time
 import traceback
 from contextlib import ExitStack
 from datetime import UTC, datetime
+from pathlib import Path
 
 from companion.keys.key_file import KeyFileError
 from companion.mavlink.endpoint import Endpoint
@@ -31,6 +32,7 @@ from mission.common.problems import MissionError, printable
 from mission.document.load import load_mission
 from mission.document.model import Mission
 
+SIGNING = "signing"  # the check that saw the autopilot refuse who has no key
 EXIT_DONE = 0
 EXIT_BROKEN = 1  # a broken invariant; the traceback is in the log
 EXIT_REFUSED = 2  # wrong usage or a bad mission; argparse uses the same
@@ -112,6 +114,8 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
         key = choose_key(arguments.key, unsigned=arguments.unsigned, what="this vehicle", size=mission.swarm.size)
     except NoKeyError as error:
         raise RefusedError(EXIT_REFUSED, str(error)) from None
+    if arguments.sign_autopilot and key is None:
+        raise RefusedError(EXIT_REFUSED, "--sign-autopilot: signs with the vehicle's key: --key FILE is needed")
     urls: dict[str, Url] = arguments.sensors
     stop = opened.enter_context(Stop())
     log_fd = _log_fd(arguments.log, opened)
@@ -142,8 +146,12 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
         records=_records(arguments, mission, opened, log),
         guard=radio.guard,
         orders=radio.orders,
+        autopilot_gate=radio.autopilot_gate,
     )
-    cleared = clearance(arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time())
+    needs = (SIGNING,) if arguments.sign_autopilot else ()
+    cleared = clearance(
+        arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time(), needs=needs
+    )
     endpoint.agent.ground(cleared.grounded)
     endpoint.agent.waive(",".join(cleared.waived), cleared.unknown, unsigned=key is None)
     changes = ChangeLogger(log, endpoint, autopilot, peers, sensors)
@@ -196,6 +204,7 @@ def _radio_keys(key: str | None, arguments: argparse.Namespace, mission: Mission
             arguments.log,
             opened,
             beside_loop=arguments.clock == "monotonic",
+            signs_autopilot=arguments.sign_autopilot,
         )
     except KeyFileError as error:
         raise RefusedError(EXIT_REFUSED, f"--key {error}") from None
@@ -212,7 +221,8 @@ def _records(arguments: argparse.Namespace, mission: Mission, opened: ExitStack,
     from companion.shell.records import records_of, records_path  # SQLite, which other flights need not keep
 
     path = records_path(arguments.records, arguments.log, mission, arguments.id)
-    records = records_of(mission, arguments.id, path, opened, beside_loop=arguments.clock == "monotonic")
+    mission_file, beside_loop = Path(arguments.mission), arguments.clock == "monotonic"
+    records = records_of(mission, arguments.id, path, opened, mission_file=mission_file, beside_loop=beside_loop)
     log.line(None, f"records in {path}: {records.progress()}")
     return records
 

@@ -16,7 +16,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 
 import flight_pages
+from hazard_pages import HazardsError, hazards_page
 from key_pages import mission_page, row, study_page
+from mutant_pages import mutants_page
 
 import companion.cli
 import mission.cli.main
@@ -99,7 +101,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--check", action="store_true", help="compare with docs/reference/ instead of writing it")
     check = parser.parse_args(argv).check
     stale = False
-    for name, text in pages().items():
+    try:
+        made = pages()
+    except HazardsError as error:
+        print(error, file=sys.stderr)
+        return 1
+    for name, text in made.items():
         path = REFERENCE / name
         if not check:
             path.parent.mkdir(exist_ok=True)
@@ -123,6 +130,8 @@ def pages() -> dict[str, str]:
         "preflight.md": preflight_page,
         "failsafe.md": flight_pages.failsafe_page,
         "flight-states.md": flight_pages.flight_states_page,
+        "hazards.md": hazards_page,
+        "mutants.md": mutants_page,
     }
     return {name: "\n".join(maker()).rstrip() + "\n" for name, maker in makers.items()}
 

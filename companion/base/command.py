@@ -67,7 +67,7 @@ def base(arguments: argparse.Namespace) -> int:
             shown.line(UNSIGNED)
         with Stop() as stop:
             serve(station, link, stop, shown)
-        shown.line(str(station.progress))
+        shown.line(station.text)
         for line in gaps(station):
             shown.line(line)
     return EXIT_DONE
@@ -99,10 +99,10 @@ def serve(station: BaseStation, link: Link, stop: Stop, shown: Terminal) -> None
 
 
 def describe(station: BaseStation, now_s: float) -> str:
-    """The progress, and who is near, in a line."""
+    """The progress, the stand so far, and who is near, in a line."""
     near = station.in_range(now_s)
     vehicles = f"vehicles {', '.join(map(str, near))} in range" if near else "no vehicle in range"
-    return f"{station.progress}, {vehicles}"
+    return f"{station.text}, {vehicles}"
 
 
 def gaps(station: BaseStation) -> list[str]:

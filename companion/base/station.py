@@ -11,6 +11,7 @@ from companion.mavlink.own_messages import decode_beacon
 from companion.mavlink.peers.guard import Guard, OpenGuard
 from companion.records.exchange import Progress, RecordExchange
 from companion.records.record import BASE_ID
+from companion.records.summary import StandSummary
 
 
 class BaseStation:
@@ -25,6 +26,7 @@ class BaseStation:
         self._guard: Final[Guard] = guard or OpenGuard()
         self._sender = wire.Sender(BASE_ID, swarm_beacon.COMPONENT, self._guard.flags)
         self._heard_s: dict[int, float] = {}  # by system id, at most 255
+        self._leader = 0  # that acts, as the last beacon has it that names one with the majority; 0: none yet
 
     def receive(self, data: bytes, now_s: float) -> None:
         """A datagram of the swarm's radio."""
@@ -38,8 +40,11 @@ class BaseStation:
             return is_ours and self.records.receive(frame, now_s)
 
         for sender, frame, fields in swarm_beacon.read_each(data, swarm_beacon.unpack, take_frame):
-            if guard.admits(frame, now_s, decode_beacon(sender, fields)):
+            said = decode_beacon(sender, fields)
+            if guard.admits(frame, now_s, said):
                 self._heard_s[sender] = now_s
+                if said is not None and said.lease is not None and said.lease.established and said.lease.quorum:
+                    self._leader = said.lease.leader
 
     def tick(self, now_s: float) -> list[bytes]:
         """Datagrams to send now."""
@@ -56,6 +61,18 @@ class BaseStation:
     def in_range(self, now_s: float, within_s: float = 3.0) -> list[int]:
         """Vehicles whose beacons were heard lately."""
         return sorted(k for k, heard_s in self._heard_s.items() if now_s - heard_s <= within_s)
+
+    @property
+    def summary(self) -> StandSummary | None:
+        """The stand as the acting leader has it; until it has told, by whoever told it of the most records."""
+        told = self.records.summaries
+        return told.get(self._leader) or max(told.values(), key=lambda one: one.fused, default=None)
+
+    @property
+    def text(self) -> str:
+        """Progress and stand in a line, for people."""
+        summary = self.summary
+        return str(self.progress) if summary is None else f"{self.progress}; {summary}"
 
     @property
     def progress(self) -> Progress:

@@ -14,6 +14,7 @@ from companion.core.localisation.makes import build_localiser
 from companion.core.model.actions import Action, Say, SendBeacon, SendOdometry, VelocitySetpoint, brief
 from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import Event, HeardBeacon, OperatorOrder, Position, Ranges, Satellites, Scan
+from companion.core.model.stand import StandMeasured
 from companion.core.model.states import NOT_YET_FLYING, FlightState, Order, Role, Severity, SwarmPhase
 from companion.core.model.vectors import ZERO, add
 from companion.core.perception.obstacle_cloud import find_hovering
@@ -91,6 +92,8 @@ class Agent:
                 self._receive_beacon(event, now_s)
             case OperatorOrder():
                 self._obey(event)
+            case StandMeasured():
+                self.swarm.phases.note_stand(event.basal_area_pct)
             case Position():
                 airborne, commanded = self.flight.vehicle.airborne, self.setpoint.vel_ned_mps
                 flown = self.own_position.receive(event, now_s, airborne=airborne, commanded_ned_mps=commanded)
@@ -194,11 +197,10 @@ class Agent:
             swarm.find_route(picture)
             early = True  # one more beacon a period at most: so news of a leader does not wait at every hop
         self._sent_early = early or (self._sent_early and not due)
-        lease, phase = swarm.election.lease, swarm.phases.phase
+        lease, phase, lands = swarm.election.lease, swarm.phases.phase, swarm.lands(now_s)
         leader = lease.leader if lease is not None and lease.established else 0
         gathers = phase is SwarmPhase.GATHER and not swarm.phases.overdue(now_s)
         uncertain = picture.find_uncertain_peer(self.id, leader, gathers=gathers)
-        lands = swarm.lands(now_s)
         findings = [*picture.lacks, *failsafe_engine.detect(Source.LOCALISATION, Readings(unsure_of=uncertain))]
         has_room = lands and self._landing_room.is_clear(
             picture.neighbours, picture.silent, self.perception.nearest_m(picture.own), now_s
@@ -274,8 +276,6 @@ class Agent:
             dest_ned_m=self.localiser.destination.ned_m,
             setpoint_ned_mps=self.setpoint.vel_ned_mps,
         )
-
-    # --- what comes in ---
 
     def _receive_beacon(self, heard: HeardBeacon, now_s: float) -> None:
         own, sender = self.flight.vehicle.position, heard.said.sender

@@ -8,12 +8,14 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from companion.keys.autopilot_link import link_passphrase
 from companion.keys.fingerprints import describe, file_fingerprint, summary
 from companion.keys.fleet_folder import Fleet, change_fleet, file_name, make_fleet
 from companion.keys.key_file import PLACE_CHARS, KeyFileError, load_keyring
 from companion.keys.keyring import OPERATOR, SECRET_BYTES, Keyring
 from companion.keys.process import harden_process
 from companion.keys.rotation import Step, advance, finish, revoke, step_of
+from mission.common.durable_files import write_durably
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
 from mission.common.problems import printable
 
@@ -31,6 +33,7 @@ def key(arguments: argparse.Namespace) -> int:
     commands: dict[str, Callable[[argparse.Namespace], int]] = {
         "new": _make,
         "show-id": _show,
+        "autopilot": _write_passphrase,
         "rotate": _rotate,
         "revoke": _revoke,
     }
@@ -55,6 +58,15 @@ def _make(arguments: argparse.Namespace) -> int:
 
 def _show(arguments: argparse.Namespace) -> int:
     print("\n".join(describe(load_keyring(arguments.file, None))))
+    return EXIT_DONE
+
+
+def _write_passphrase(arguments: argparse.Namespace) -> int:
+    keyring = load_keyring(arguments.file, None)
+    if keyring.owner == OPERATOR:
+        raise KeyFileError(f"{_shown(arguments.file)}: owner: is the operator: must be a vehicle")
+    write_durably(Path(arguments.out), f"{link_passphrase(keyring)}\n".encode())
+    print(f"wrote {_shown(arguments.out)}: the passphrase of the autopilot link of vehicle {keyring.owner}")
     return EXIT_DONE
 
 

@@ -61,6 +61,17 @@ exit codes: 0 done, 1 an interrupted step was completed, and nothing revoked: ru
 is refused, 3 a file that cannot be written
 """
 
+_AUTOPILOT = """\
+Writes the passphrase of one vehicle's autopilot link to a file of its own (0600): for a ground station that is to speak
+to that autopilot, which refuses who has no key. Companions make it of their own key file.
+"""
+
+_AUTOPILOT_MORE = """\
+docs/how-to/sign-the-autopilot-link.md says how the autopilot gets the key.
+
+exit codes: 0 written, 2 wrong usage, or FILE is refused, 3 a file that cannot be written
+"""
+
 _FOLDER = "the fleet's folder, that `companion key new` made"
 
 
@@ -79,6 +90,9 @@ def add_key_commands(commands: argparse._SubParsersAction[argparse.ArgumentParse
     )
     show = _add(inner, "show-id", "show what may be shown of a key file", _SHOW, _SHOW_MORE)
     show.add_argument("file", metavar="FILE", help="key file of a vehicle or the operator")
+    link = _add(inner, "autopilot", "write the passphrase of an autopilot's link", _AUTOPILOT, _AUTOPILOT_MORE)
+    link.add_argument("file", metavar="FILE", help="key file of the vehicle")
+    link.add_argument("--out", required=True, metavar="PASSPHRASE", help="file for the passphrase")
     rotate = _add(inner, "rotate", "replace the swarm's secret, step by step", _ROTATE, _ROTATE_MORE)
     rotate.add_argument("folder", metavar="FOLDER", help=_FOLDER)
     rotate.add_argument(

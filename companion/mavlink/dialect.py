@@ -1126,6 +1126,7 @@ MAVLINK_MSG_ID_HOME_POSITION = 242
 MAVLINK_MSG_ID_MESSAGE_INTERVAL = 244
 MAVLINK_MSG_ID_EXTENDED_SYS_STATE = 245
 MAVLINK_MSG_ID_STATUSTEXT = 253
+MAVLINK_MSG_ID_SETUP_SIGNING = 256
 MAVLINK_MSG_ID_PROTOCOL_VERSION = 300
 MAVLINK_MSG_ID_OBSTACLE_DISTANCE = 330
 MAVLINK_MSG_ID_ODOMETRY = 331
@@ -3275,6 +3276,47 @@ class MAVLink_statustext_message(MAVLink_message):
 setattr(MAVLink_statustext_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_setup_signing_message(MAVLink_message):
+    """
+    SETUP_SIGNING
+    """
+
+    id = MAVLINK_MSG_ID_SETUP_SIGNING
+    msgname = "SETUP_SIGNING"
+    fieldnames = ["target_system", "target_component", "secret_key", "initial_timestamp"]
+    ordered_fieldnames = ["initial_timestamp", "target_system", "target_component", "secret_key"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint8_t", "uint64_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<QBBB")
+    orders = [1, 2, 3, 0]
+    lengths = [1, 1, 1, 32]
+    array_lengths = [0, 0, 0, 32]
+    crc_extra = 71
+    unpacker = struct.Struct("<QBB32B")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int, secret_key: Sequence[int], initial_timestamp: int):
+        MAVLink_message.__init__(self, MAVLink_setup_signing_message.id, MAVLink_setup_signing_message.msgname)
+        self._fieldnames = MAVLink_setup_signing_message.fieldnames
+        self._instance_field = MAVLink_setup_signing_message.instance_field
+        self._instance_offset = MAVLink_setup_signing_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+        self.secret_key = secret_key
+        self.initial_timestamp = initial_timestamp
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.initial_timestamp, self.target_system, self.target_component, self.secret_key[0], self.secret_key[1], self.secret_key[2], self.secret_key[3], self.secret_key[4], self.secret_key[5], self.secret_key[6], self.secret_key[7], self.secret_key[8], self.secret_key[9], self.secret_key[10], self.secret_key[11], self.secret_key[12], self.secret_key[13], self.secret_key[14], self.secret_key[15], self.secret_key[16], self.secret_key[17], self.secret_key[18], self.secret_key[19], self.secret_key[20], self.secret_key[21], self.secret_key[22], self.secret_key[23], self.secret_key[24], self.secret_key[25], self.secret_key[26], self.secret_key[27], self.secret_key[28], self.secret_key[29], self.secret_key[30], self.secret_key[31]), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_setup_signing_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_protocol_version_message(MAVLink_message):
     """
     PROTOCOL_VERSION
@@ -3914,6 +3956,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_MESSAGE_INTERVAL: MAVLink_message_interval_message,
     MAVLINK_MSG_ID_EXTENDED_SYS_STATE: MAVLink_extended_sys_state_message,
     MAVLINK_MSG_ID_STATUSTEXT: MAVLink_statustext_message,
+    MAVLINK_MSG_ID_SETUP_SIGNING: MAVLink_setup_signing_message,
     MAVLINK_MSG_ID_PROTOCOL_VERSION: MAVLink_protocol_version_message,
     MAVLINK_MSG_ID_OBSTACLE_DISTANCE: MAVLink_obstacle_distance_message,
     MAVLINK_MSG_ID_ODOMETRY: MAVLink_odometry_message,
@@ -5858,6 +5901,30 @@ class MAVLink(object):
         """
         self.send(self.statustext_encode(severity, text, id, chunk_seq), force_mavlink1=force_mavlink1)
 
+    def setup_signing_encode(self, target_system: int, target_component: int, secret_key: Sequence[int], initial_timestamp: int) -> MAVLink_setup_signing_message:
+        """
+        SETUP_SIGNING
+
+        target_system             : target system (type:uint8_t)
+        target_component          : target component (type:uint8_t)
+        secret_key                : secret key (type:uint8_t)
+        initial_timestamp         : initial timestamp (type:uint64_t)
+
+        """
+        return MAVLink_setup_signing_message(target_system, target_component, secret_key, initial_timestamp)
+
+    def setup_signing_send(self, target_system: int, target_component: int, secret_key: Sequence[int], initial_timestamp: int, force_mavlink1: bool = False) -> None:
+        """
+        SETUP_SIGNING
+
+        target_system             : target system (type:uint8_t)
+        target_component          : target component (type:uint8_t)
+        secret_key                : secret key (type:uint8_t)
+        initial_timestamp         : initial timestamp (type:uint64_t)
+
+        """
+        self.send(self.setup_signing_encode(target_system, target_component, secret_key, initial_timestamp), force_mavlink1=force_mavlink1)
+
     def protocol_version_encode(self, version: int, min_version: int, max_version: int, spec_version_hash: Sequence[int], library_version_hash: Sequence[int]) -> MAVLink_protocol_version_message:
         """
         PROTOCOL_VERSION
@@ -6249,7 +6316,7 @@ class MAVLink(object):
         log_id                    : Drawn when the writer's log was begun. (type:uint32_t)
         log_number                : In that log: 1, 2, 3 and so on. (type:uint32_t)
         log_writer                : System id of the vehicle that made it. (type:uint8_t)
-        record_kind               : 1: a stem. 2: the area seen. 3: of another sensor. (type:uint8_t)
+        record_kind               : 1: stem. 2: area seen. 3: of another sensor. 4: stand in figures. (type:uint8_t)
         body_size                 : Of the body. [bytes] (type:uint8_t)
         record_body               : As its kind says, in CBOR (RFC 8949). (type:uint8_t)
 
@@ -6267,7 +6334,7 @@ class MAVLink(object):
         log_id                    : Drawn when the writer's log was begun. (type:uint32_t)
         log_number                : In that log: 1, 2, 3 and so on. (type:uint32_t)
         log_writer                : System id of the vehicle that made it. (type:uint8_t)
-        record_kind               : 1: a stem. 2: the area seen. 3: of another sensor. (type:uint8_t)
+        record_kind               : 1: stem. 2: area seen. 3: of another sensor. 4: stand in figures. (type:uint8_t)
         body_size                 : Of the body. [bytes] (type:uint8_t)
         record_body               : As its kind says, in CBOR (RFC 8949). (type:uint8_t)
 

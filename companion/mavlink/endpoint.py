@@ -16,7 +16,8 @@ from companion.core.agent import Agent
 from companion.core.model.actions import Action, Ask, Say, SendBeacon, SendOdometry, VelocitySetpoint
 from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import Answer, AutopilotMode, Event, LidarScan
-from companion.core.model.states import Severity
+from companion.core.model.stand import StandMeasured
+from companion.core.model.states import Role, Severity
 from companion.core.stages import FLIGHT_STAGES, StageFactory
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
@@ -98,13 +99,14 @@ class Endpoint:
         records: RecordLink | None = None,
         guard: Guard | None = None,
         orders: OrderBook | None = None,
+        autopilot_gate: Gate | None = None,
     ) -> None:
         """ValueError when the mission has no origin or no such vehicle.
 
         `sensor_streams`: the links to its sensors' drivers by name, and whether bytes may break anywhere (serial).
         `beacons`: reads those of this mission, shared with other vehicles; by default its own.
         `stages`: of its agent. `survey`: measures stems, in a mission that asks for it; `records`: keeps what it finds.
-        `guard`: of the peers' link; by default whoever is in range is heard.
+        `guard`: of the peers' link; by default whoever is in range is heard. `autopilot_gate`: of a signed link.
         `orders`: of the operator's key; by default commands count, and the flags of beacons.
         """
         if mission.origin is None:
@@ -117,7 +119,7 @@ class Endpoint:
         if ranging is not None and not mission.has_satellites(vehicle_id):
             start = enu_to_ned(ranging.start_enu_m[vehicle_id - 1])
         self.codec = Codec(vehicle_id, frame, start_ned_m=start, broadcasts_position=ranging is None)
-        self.autopilot_gate = Gate(takes_signed=True)  # by wire, or from a simulator
+        self.autopilot_gate: Final = autopilot_gate or Gate(takes_signed=True)  # by wire, or from a simulator
         self.peers: Final = PeersLink(
             vehicle_id,
             beacons or swarm_beacon.Reader(frame),
@@ -214,8 +216,8 @@ class Endpoint:
             self._versions_told.add(sender)
             self._to_say.append(_other_version(sender, version))
 
-    def tell(self, say: Say) -> None:
-        """What is around this companion has something to say to the operator: with the next tick."""
+    def report_surroundings(self, say: Say) -> None:
+        """A word for the operator of what is around this companion, its links: told with the next tick."""
         self._to_say.append(say)
 
     def _decoder_table(self) -> dict[int, Callable[[Any], Event | None]]:
@@ -296,7 +298,7 @@ class Endpoint:
             self._encode(action, now_s, to_autopilot, to_peers, out.said)
         self._to_say.clear()
         self._reply(now_s, to_autopilot)
-        out.autopilot = b"".join(to_autopilot)
+        out.autopilot = b"".join([self.autopilot_gate.seal(frame, now_s) for frame in to_autopilot])
         out.peers = b"".join([*to_peers, *self.peers.prove(now_s)])
         out.records = [*self.peers.send_orders(now_s), *self.peers.send_records(now_s, len(out.peers))]
         self._to_say += self.peers.take_says()
@@ -316,10 +318,15 @@ class Endpoint:
                 self.records.append(kind, body, now_s)
         if survey is not None:
             self._to_say += survey.take_says()
+        if self.records is not None:
+            update = self.records.take_stand(leads=self.agent.swarm.election.role is Role.LEADER, now_s=now_s)
+            if update is not None:
+                self.agent.receive(StandMeasured(update.basal_area_pct), now_s)
+                self._to_say += [Say(Severity.INFO, f"stand: {update.text}")] if update.text else []
 
     def hello(self) -> bytes:
         """A HEARTBEAT to send before the first tick, so that the other end learns this companion's address."""
-        return wire.pack(heartbeat(), seq=0, system=self.id, component=COMPONENT)
+        return self.autopilot_gate.seal(wire.pack(heartbeat(), seq=0, system=self.id, component=COMPONENT), 0.0)
 
     def _encode(
         self, action: Action, now_s: float, to_autopilot: list[bytes], to_peers: list[bytes], said: list[Say]

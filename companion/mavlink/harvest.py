@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import traceback
 from collections.abc import Callable
-from typing import Final, Protocol, final
+from typing import Final, NamedTuple, Protocol, final
 
 from companion.core.agent import Agent
 from companion.core.localisation.gnss_denied.localiser import GnssDeniedLocaliser
@@ -26,6 +26,15 @@ Place = tuple[float, float]
 FRAME_SD_M: Final = 1.0  # of a position by satellites under trees, level, slow: common to all seen at a time
 
 
+class StandUpdate(NamedTuple):
+    """The stand in figures, from the records that this vehicle has."""
+
+    kind: int  # of the record that tells it to the base station, and
+    body: bytes  # of the same
+    basal_area_pct: float | None  # half of the interval of the basal area, over it; None: it has none yet
+    text: str  # in words; empty: no stems yet
+
+
 class RecordLink(Protocol):
     """Measurements that come into a log, and frames of the peers' link by which they reach the base station."""
 
@@ -40,6 +49,9 @@ class RecordLink(Protocol):
 
     def frames(self, now_s: float, beacon_bytes: int) -> list[tuple[int, bytes]]:
         """Message ids and payloads to send now, behind so many bytes of beacons."""
+
+    def take_stand(self, *, leads: bool, now_s: float) -> StandUpdate | None:
+        """Once a tick; `leads`: this vehicle acts as leader. New figures of the stand, by the records here, once."""
 
     def lines(self) -> list[str]:
         """Lines for the operator, since last asked."""

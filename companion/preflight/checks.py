@@ -59,6 +59,9 @@ ABOUT = {
     "key": "[This vehicle's key file](../how-to/keys.md), mode 0600, this user's (or root's). It shows fingerprints of "
     "the fleet's public keys and of each epoch's secret: the same on every vehicle. A warning: none was given, or the "
     "fleet has no key of a vehicle of the mission.",
+    "signing": "With `--sign-autopilot` ([how](../how-to/sign-the-autopilot-link.md)): frames of the autopilot come "
+    "signed by this vehicle's key; requests that are unsigned, or signed by another key, get no answer; one by the key "
+    "does.",
     "disk": "500 MB free where the report goes, or here.",
     "monotonic": "The clock that the flight goes by has steps of a millisecond or less.",
 }

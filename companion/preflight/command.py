@@ -10,15 +10,21 @@ from contextlib import ExitStack
 from datetime import UTC, datetime
 from pathlib import Path
 
+from companion.keys.autopilot_link import link_key
+from companion.keys.key_file import KeyFileError, load_keyring
+from companion.keys.process import harden_process
 from companion.preflight.checks import judge
 from companion.preflight.computer import check_disk, check_key, check_monotonic
 from companion.preflight.listen import SensorWindow
 from companion.preflight.report import Check, Report, Verdict, check_of, write_report
+from companion.preflight.signing import SigningProbe, SigningRelay
 from companion.preflight.survey import Survey, SurveyError, take_survey
 from companion.preflight.table import table
 from companion.sensors.table import SENSORS
 from companion.shell.links import Link, LinkError, open_link
+from companion.shell.radio_keys import open_autopilot_gate
 from companion.shell.urls import Scheme, Url
+from mission.common.exit_codes import EXIT_BAD_FILE
 from mission.common.problems import printable
 from mission.document.load import mission_sha256
 from mission.document.model import Mission
@@ -37,10 +43,17 @@ def preflight(arguments: argparse.Namespace, mission: Mission) -> int:
             open_link(url).close()  # its words for a port that is taken are better than MAVSDK's
         except LinkError as error:
             return _refused(f"{option} {error}")
-    try:
-        survey = take_survey(arguments.mission, arguments.id, arguments.autopilot, apply=arguments.apply)
-    except SurveyError as error:
-        return _refused(f"--autopilot {error}")
+    signing: tuple[Check, ...] = ()
+    with ExitStack() as opened:
+        speak = arguments.autopilot
+        try:
+            if arguments.sign_autopilot:
+                signing, speak = _signed(arguments, opened)
+            survey = take_survey(arguments.mission, arguments.id, speak, apply=arguments.apply)
+        except KeyFileError as error:
+            return _refused(f"--key {error}", EXIT_BAD_FILE)
+        except SurveyError as error:
+            return _refused(f"--autopilot {error}")
     if not survey.heard:
         return _refused(
             f"--autopilot {arguments.autopilot}: no autopilot is heard. Is it on, is this its port, the baud rate "
@@ -50,7 +63,7 @@ def preflight(arguments: argparse.Namespace, mission: Mission) -> int:
         sensors = tuple(sensor_checks(urls, mission, arguments.id, survey))
     except LinkError as error:
         return _refused(f"--sensor {error}")
-    report = _report(arguments, mission, sha256, survey, sensors)
+    report = _report(arguments, mission, sha256, survey, (*signing, *sensors))
     if arguments.report is not None:
         try:
             write_report(report, Path(arguments.report))
@@ -60,9 +73,32 @@ def preflight(arguments: argparse.Namespace, mission: Mission) -> int:
     return EXIT_FAIL if report.verdict is Verdict.FAIL else EXIT_PASS
 
 
-def _refused(message: str) -> int:
+def _refused(message: str, code: int = EXIT_ENVIRONMENT) -> int:
     print(f"companion: {message}", file=sys.stderr)
-    return EXIT_ENVIRONMENT
+    return code
+
+
+def _signed(arguments: argparse.Namespace, opened: ExitStack) -> tuple[tuple[Check, ...], Url]:
+    """The row `signing`, and where the surveyor speaks: to an autopilot that signs by a relay, as it cannot itself.
+
+    KeyFileError.
+    """
+    if arguments.key is None:
+        raise KeyFileError("FILE: is needed for --sign-autopilot: the vehicle's key file")
+    harden_process()
+    keyring = load_keyring(arguments.key, arguments.id)
+    link = open_link(arguments.autopilot)
+    opened.callback(link.close)
+    gate, is_stream = open_autopilot_gate(keyring), arguments.autopilot.scheme is Scheme.SERIAL
+    probe = SigningProbe(link, gate, arguments.id, is_stream=is_stream)
+    if arguments.apply:
+        probe.give_key(link_key(keyring))
+    check = probe.check()
+    if not probe.is_signed:
+        link.close()
+        return (check,), arguments.autopilot
+    relay = opened.enter_context(SigningRelay(link, gate, is_stream=is_stream))
+    return (check,), relay.url
 
 
 def sensor_checks(urls: Mapping[str, Url], mission: Mission, vehicle_id: int, survey: Survey) -> Iterator[Check]:

@@ -105,9 +105,15 @@ class Clearance:
 
 
 def clearance(
-    report_file: str | None, waived: Sequence[str], mission_file: str, vehicle_id: int, *, now_unix_s: float
+    report_file: str | None,
+    waived: Sequence[str],
+    mission_file: str,
+    vehicle_id: int,
+    *,
+    now_unix_s: float,
+    needs: Sequence[str] = (),
 ) -> Clearance:
-    """By the report and the names given to `--waive`."""
+    """By the report and the names given to `--waive`. `needs`: checks that the report must have, as this one flies."""
     if WAIVE_ALL in waived:
         return Clearance("", (WAIVE_ALL,))
     if report_file is None:
@@ -126,9 +132,11 @@ def clearance(
     if not -AHEAD_MAX_S <= age_s <= AGE_MAX_S:
         when = f"{age_s / 3600.0:.0f} h old" if age_s > 0.0 else "of a time to come"
         return Clearance(f"preflight is {printable(when)}", ())
-    accepted = tuple(name for name in report.failed if name in waived)
-    left = [name for name in report.failed if name not in waived]
     names = {check.name for check in report.checks}
+    failed = (*report.failed, *(name for name in needs if name not in names))
+    accepted = tuple(name for name in failed if name in waived)
+    left = [name for name in failed if name not in waived]
+    names.update(needs)
     strange = ", ".join(repr(name) for name in waived if name not in names)
     unknown = f"waive: no check named {strange}" if strange else ""
     reasons = (f"preflight failed: {','.join(left)}", unknown) if left else ()

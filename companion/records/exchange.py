@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Protocol
 
 from companion.mavlink.beacon import COMPONENT
 from companion.mavlink.framing.frames import source
 from companion.mavlink.framing.wire import CRC_BYTES, HEADER_BYTES
+from companion.mavlink.harvest import StandUpdate
 from companion.mavlink.schema.tables.measurements import ENTRIES_MAX
 from companion.records.airtime import OVERHEAD_BYTES, Airtime
 from companion.records.frames import (
@@ -29,6 +30,7 @@ from companion.records.holdings import Holding
 from companion.records.peers import Candidate, Peers
 from companion.records.record import BASE_ID, BODY_MAX, NUMBER_MAX, Entry, LogKey, Record, RecordKind, Vector
 from companion.records.store import RecordStore, Written
+from companion.records.summary import StandSummary, decode_summary
 from companion.records.write_queue import RecordWriter, WriteQueue
 
 DROPPED: Final = ("of unknown vehicles", "conflicting", "of too many logs")
@@ -54,6 +56,16 @@ class Progress:
         return f"{self.delivered} of {self.made} records delivered"
 
 
+class StandFusion(Protocol):
+    """Fuses the records that this vehicle has, while it leads: beside the loop, never in it."""
+
+    def take_update(self, *, leads: bool, now_s: float) -> StandUpdate | None:
+        """Once a tick; `leads`: this vehicle does. The newest figures, once; None: there are no new ones."""
+
+    def lines(self) -> list[str]:
+        """Lines for the operator, since last asked."""
+
+
 class RecordExchange:
     """One node's: a vehicle's or the base station's (`me` is BASE_ID). Times are the local clock's, s."""
 
@@ -67,13 +79,17 @@ class RecordExchange:
         *,
         epoch: int = 0,
         mission_hash: int = 0,
+        fusion: StandFusion | None = None,
     ) -> None:
         """`members`: number of vehicles of the swarm; others are not heard. `epoch`: of the base station's file.
+
+        `fusion`: a vehicle's, of its store.
 
         `mission_hash`: vectors of another mission are not heard, nor records of logs that none of this one told of.
         """
         self.dropped: Final = dict.fromkeys((*DROPPED, FOREIGN), 0)
         self._mission_hash = mission_hash
+        self._fusion = fusion
         self._store = store
         self._queue = WriteQueue(writer, keeps_own=me != BASE_ID)
         self._me, self._members = me, members
@@ -92,6 +108,9 @@ class RecordExchange:
         self._plan: list[Candidate] = []
         self._plan_s = float("-inf")
         self._had_beacon = False  # in the last tick
+        self.summaries: Final = dict[int, StandSummary]()  # of the stand, the newest of each vehicle that has led
+        for vehicle_id, _, _, body in store.records(RecordKind.SUMMARY):
+            self._note_summary(vehicle_id, body)
 
     # --- in ---
 
@@ -101,6 +120,16 @@ class RecordExchange:
             self._queue.refuse(1)
         else:
             self._queue.add_own(RecordKind(kind), body, now_s)
+
+    def take_stand(self, *, leads: bool, now_s: float) -> StandUpdate | None:
+        """As `RecordLink` has it; what is new is a record, too."""
+        if self._fusion is None:
+            return None
+        self._queue.lines.extend(self._fusion.lines())
+        update = self._fusion.take_update(leads=leads, now_s=now_s)
+        if update is not None:
+            self.append(update.kind, update.body, now_s)
+        return update
 
     def is_record(self, frame: bytes) -> bool:
         """A whole frame is one of records, by its header alone."""
@@ -293,9 +322,17 @@ class RecordExchange:
             self._grew_s[record.key] = now_s
             self._holdings[record.key].add(record.number)
             self._note_known(record.key, record.number)
+            if record.kind is RecordKind.SUMMARY:
+                self._note_summary(record.vehicle_id, record.body)
         for key, number in outcome.given_up.items():
             self._grew_s[key] = now_s
             self._holdings[key].give_up(number)
+
+    def _note_summary(self, vehicle_id: int, body: bytes) -> None:
+        """A vehicle's, of the stand: the one of the most records is its newest. What is malformed is none."""
+        summary, before = decode_summary(body), self.summaries.get(vehicle_id)
+        if summary is not None and (before is None or summary.fused >= before.fused):
+            self.summaries[vehicle_id] = summary
 
     def _begin_log(self, outcome: Written) -> None:
         """Others have more of the old log than the disk: its end was lost. It is now a log as another's is."""

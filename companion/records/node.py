@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from companion.records.exchange import RecordExchange
+from companion.records.exchange import RecordExchange, StandFusion
 from companion.records.record import BASE_ID
 from companion.records.store import MEMORY, RecordStore, StoreError, open_store
 from companion.records.write_queue import DirectWriter, RecordWriter
@@ -23,9 +23,12 @@ def open_records(
     draw: Callable[[], int],
     *,
     writer: Callable[[RecordStore], RecordWriter] = DirectWriter,
+    fusion: Callable[[RecordStore], StandFusion | None] = lambda _: None,
     is_synced: bool = True,
 ) -> RecordExchange:
     """A vehicle's (`me`: its id), of a mission that surveys. `path` None: in memory alone; `is_synced`: see the store.
+
+    `fusion`: what makes a stand of the records while it leads.
 
     So it is, and is said, where the file cannot be opened: a companion that starts again in flight must fly on.
     """
@@ -39,7 +42,9 @@ def open_records(
         store = RecordStore(MEMORY, me, draw)
         said = f"{error}: in memory"
     exchange = RecordExchange(
-        *(store, writer(store), me, mission.swarm.size, bit_rate_kbps(mission)), mission_hash=mission_hash(mission)
+        *(store, writer(store), me, mission.swarm.size, bit_rate_kbps(mission)),
+        mission_hash=mission_hash(mission),
+        fusion=fusion(store),
     )
     if said:
         exchange.note_line(f"records: {said}")

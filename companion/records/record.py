@@ -19,6 +19,7 @@ class RecordKind(IntEnum):
     STEM = 1
     TRACK = 2  # the area seen
     PAYLOAD = 3  # of another sensor
+    SUMMARY = 4  # of the stand, by the acting leader: summary.py
 
 
 class LogKey(NamedTuple):

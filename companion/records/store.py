@@ -199,6 +199,11 @@ class RecordStore:
             (int(kind),),
         )
 
+    def rows(self) -> list[tuple[int, int, int, int, float, bytes]]:
+        """All records: vehicle, log, number, kind, when it was made, body."""
+        chosen = "SELECT vehicle_id, log_id, number, kind, made_s, body FROM record ORDER BY vehicle_id, log_id, number"
+        return self._reading.execute(chosen).fetchall()
+
     def write(self, batch: Batch) -> Written:
         """Put a batch on the disk; returns when it is there. StoreError: nothing has changed, as on a full disk."""
         before = self.own_log, self._last, self._opened_last, self._count

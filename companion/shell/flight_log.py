@@ -136,6 +136,7 @@ class ChangeLogger:
         endpoint = self._endpoint
         found = {
             "bad frames of the autopilot": endpoint.autopilot.bad,
+            **endpoint.autopilot_gate.counters(),
             "datagrams of the peers without a beacon": endpoint.peers.without_beacon,
             **{f"frames of the peers refused, {why}": n for why, n in sorted(endpoint.peers.guard.refused.items())},
             **endpoint.orders.counters(),
@@ -154,14 +155,14 @@ class ChangeLogger:
 
     def _tell_flood(self, now_s: float, text: str, is_over: bool) -> None:
         """To the operator, and so with the next tick to this log; which beacons arrive, at once."""
-        self._endpoint.tell(Say(Severity.NOTICE if is_over else Severity.WARNING, brief(text)))
+        self._endpoint.report_surroundings(Say(Severity.NOTICE if is_over else Severity.WARNING, brief(text)))
         shares = {one.beacon.sender: one.share for one in self._endpoint.agent.localiser.neighbours}
         if is_over or not shares:
             return
         share, vehicle = min((share, vehicle) for vehicle, share in shares.items())
         if share < FEW:
             lost = f"beacons lost: {100.0 * share:.0f} % of vehicle {vehicle}'s arrive"
-            self._endpoint.tell(Say(Severity.WARNING, lost))
+            self._endpoint.report_surroundings(Say(Severity.WARNING, lost))
         each = ", ".join(f"{vehicle} {100.0 * share:.0f} %" for vehicle, share in sorted(shares.items()))
         self._log.line(now_s, f"beacons that arrive: {each}")
 

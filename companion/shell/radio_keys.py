@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import os
+import time
 from contextlib import ExitStack
 from typing import NamedTuple
 
+from companion.keys.autopilot_link import link_key
 from companion.keys.fingerprints import summary
 from companion.keys.key_file import load_keyring
 from companion.keys.keyring import OPERATOR, Keyring
 from companion.keys.process import harden_process
+from companion.mavlink.autopilot_link.signing import LinkSigning, timestamp_at
+from companion.mavlink.framing.signing import Gate
 from companion.mavlink.orders.book import OrderBook
 from companion.mavlink.peers.guard import Guard, SignedGuard
 from companion.mavlink.peers.session import BASE_ID, Session, open_session
@@ -41,10 +45,19 @@ class RadioKeys(NamedTuple):
     guard: Guard | None  # None: whoever is in range is heard
     orders: OrderBook | None
     lines: list[str]  # for the log
+    autopilot_gate: Gate | None = None  # of a link that is signed
 
 
 def open_keys(
-    key: str | None, mission: str, vehicle_id: int, size: int, log: str | None, opened: ExitStack, *, beside_loop: bool
+    key: str | None,
+    mission: str,
+    vehicle_id: int,
+    size: int,
+    log: str | None,
+    opened: ExitStack,
+    *,
+    beside_loop: bool,
+    signs_autopilot: bool,
 ) -> RadioKeys:
     """`key`, `mission`: files; `key` None: unsigned. KeyFileError; OSError: no folder for the orders' file."""
     if key is None:
@@ -55,7 +68,15 @@ def open_keys(
     digest, path = mission_digest(mission), orders_path(log, vehicle_id)
     orders = orders_of(keyring, digest, size, session.boot, path, opened, beside_loop=beside_loop)
     lines = [f"radio signed: {summary(keyring)}", *([weakness] if weakness else [])]
-    return RadioKeys(SignedGuard(session), orders, lines)
+    gate = open_autopilot_gate(keyring) if signs_autopilot else None
+    if gate is not None:
+        lines.append("autopilot link signed: what it sends without the key is refused")
+    return RadioKeys(SignedGuard(session), orders, lines, gate)
+
+
+def open_autopilot_gate(keyring: Keyring) -> LinkSigning:
+    """Of the link to the autopilot of this keyring's vehicle, from now on."""
+    return LinkSigning(link_key(keyring), timestamp=timestamp_at(time.time()))
 
 
 def open_base_guard(key: str | None, mission: str) -> Guard | None:

@@ -7,20 +7,21 @@ import secrets
 from contextlib import ExitStack
 from pathlib import Path
 
-from companion.records.exchange import RecordExchange
+from companion.records.exchange import RecordExchange, StandFusion
 from companion.records.node import mission_hash, open_records
 from companion.records.store import RecordStore
 from companion.records.write_queue import DirectWriter, RecordWriter
 from companion.shell.record_writer import ThreadedWriter
+from companion.shell.stand_fusion import FusionChild, FusionProcess
 from mission.document.model import Mission
 
 STATE = "STATE_DIRECTORY"  # systemd's, of a service
 
 
 def records_of(
-    mission: Mission, vehicle_id: int, path: Path, opened: ExitStack, *, beside_loop: bool
+    mission: Mission, vehicle_id: int, path: Path, opened: ExitStack, *, mission_file: Path, beside_loop: bool
 ) -> RecordExchange:
-    """This vehicle's records in `path`. `beside_loop`: written by a thread, else while the loop waits."""
+    """This vehicle's records in `path`. `beside_loop`: written and fused there, else while the loop waits."""
 
     def writer(store: RecordStore) -> RecordWriter:
         opened.callback(store.close)
@@ -30,7 +31,16 @@ def records_of(
         opened.callback(made.close)  # before the file
         return made
 
-    return open_records(mission, vehicle_id, path, draw_log, writer=writer)
+    def fusion(store: RecordStore) -> StandFusion:
+        if not beside_loop:
+            from companion.stand.summarise import DirectFusion  # SciPy: a simulation's process
+
+            return DirectFusion(store, mission)
+        made = FusionProcess(FusionChild(mission_file, path))
+        opened.callback(made.close)
+        return made
+
+    return open_records(mission, vehicle_id, path, draw_log, writer=writer, fusion=fusion)
 
 
 def draw_log() -> int:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 LOST_S: Final = 3.0  # thirty beacons: no chance loss any more, and soon enough to look up
 LEADERLESS_S: Final = 2.0  # without a leader, or with two: while another takes over, half a second of each is seen
+UNPROVEN_S: Final = 3.0  # three manifests
 BATTERY_PERCENT: Final = 20  # below it: PX4 warns at 15 (BAT_LOW_THR), and the radio tells steps of 10
 FENCE_NEAR_M: Final = 3.0  # GPS is no better
 
@@ -31,7 +32,7 @@ class Alarm:
 
 def alarms(picture: Picture, mission: Mission | None = None) -> tuple[Alarm, ...]:
     """The gravest first. `mission`: with an origin."""
-    found = [*_links(picture), *_leader(picture), *_vehicles(picture)]
+    found = [*_links(picture), *_leader(picture), *_vehicles(picture), *_signatures(picture)]
     if mission is not None:
         found += _fence(picture, mission)
     return tuple(sorted(found, key=lambda alarm: not alarm.grave))
@@ -86,6 +87,15 @@ def _vehicles(picture: Picture) -> Iterator[Alarm]:
             unknown = "" if least else ", or its autopilot does not know"
             text = f"Vehicle {vehicle.id}: battery at {most} % or less{unknown}"
             yield Alarm("battery", which, text, grave=least > 0)
+
+
+def _signatures(picture: Picture) -> Iterator[Alarm]:
+    for vehicle in _fresh(picture):
+        if vehicle.unproven_s is not None and vehicle.unproven_s >= UNPROVEN_S:
+            text = f"Vehicle {vehicle.id}: unproven by its key for {vehicle.unproven_s:.0f} s: no word of it is shown"
+            yield Alarm("unproven", (vehicle.id,), text, grave=False)
+    for vehicle_id, what in picture.strangers:
+        yield Alarm("stranger", (vehicle_id,), f"Vehicle {vehicle_id}: {what}", grave=False)
 
 
 def _fence(picture: Picture, mission: Mission) -> Iterator[Alarm]:

@@ -12,23 +12,29 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
+from companion.keys.key_file import KeyFileError, load_keyring
+from companion.keys.keyring import OPERATOR
+from companion.keys.process import harden_process
+from companion.mavlink.peers.session import BASE_ID, open_session
 from companion.shell.links import LinkError
 from companion.watch.alarms import alarms
 from companion.watch.chart import Chart, ChartError
 from companion.watch.charts import open_chart
 from companion.watch.heard import Heard
+from companion.watch.listening_guard import ListeningGuard
 from companion.watch.server import Stream, WatchServer
 from companion.watch.udp_receiver import UdpReceiver
 from mission import __version__
-from mission.common import own_addresses
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
 from mission.common.frames import LocalFrame, enu_to_ned
-from mission.common.problems import MissionError
+from mission.common.network import own_addresses
+from mission.common.problems import MissionError, printable
 from mission.common.signals import Stop
-from mission.document.load import load_mission
+from mission.document.load import load_mission, mission_sha256
 from mission.document.model import Mission
 from mission.stems.utm import zone_of
 
+UNUSED_BOOT: Final = 1  # nothing is sent
 PICTURES_S: Final = 0.25  # four a second: ages in tenths need no more
 
 
@@ -37,6 +43,7 @@ def watch(arguments: argparse.Namespace) -> int:
     with ExitStack() as opened:
         try:
             mission = None if arguments.mission is None else _mission(arguments.mission)
+            guard = None if arguments.key is None else _guard(arguments.key, arguments.mission)
             chart = _chart(arguments.map, arguments.utm)
             if chart is not None:
                 opened.callback(chart.close)
@@ -46,6 +53,8 @@ def watch(arguments: argparse.Namespace) -> int:
             server = _server(arguments.listen, stream, chart)
         except MissionError as error:
             return _refused(EXIT_BAD_FILE, error)
+        except KeyFileError as error:
+            return _refused(EXIT_BAD_FILE, f"companion: --key {error}")
         except (ChartError, ValueError) as error:
             return _refused(EXIT_BAD_FILE, f"companion: {error}")
         except (LinkError, OSError) as error:
@@ -58,7 +67,7 @@ def watch(arguments: argparse.Namespace) -> int:
         opened.callback(stream.close)
         with contextlib.suppress(OSError):
             print("\n".join([f"watching {arguments.peers}", *own_addresses.lines("open", server.urls)]), flush=True)
-        _listen(udp_receiver, stream, stop, about(mission, chart), mission)
+        _listen(Heard(guard), udp_receiver, stream, stop, about(mission, chart), mission)
     return EXIT_DONE
 
 
@@ -91,15 +100,16 @@ def about(mission: Mission | None, chart: Chart | None) -> dict[str, Any]:
 
 
 def view(heard: Heard, mission: Mission | None, now_s: float) -> dict[str, Any]:
-    """Changing data of the page: the picture, and its alarms."""
+    """Changing data of the page: the picture, how far the records are, and alarms."""
     picture = heard.picture(now_s)
-    return {**asdict(picture), "alarms": [asdict(alarm) for alarm in alarms(picture, mission)]}
+    leader = next((one.leader for one in picture.vehicles if one.acting and one.quorum), 0)
+    told = {"harvest": heard.harvest.text(leader), "alarms": [asdict(alarm) for alarm in alarms(picture, mission)]}
+    return {**asdict(picture), **told}
 
 
 def _listen(
-    udp_receiver: UdpReceiver, stream: Stream, stop: Stop, still: dict[str, Any], mission: Mission | None
+    heard: Heard, udp_receiver: UdpReceiver, stream: Stream, stop: Stop, still: dict[str, Any], mission: Mission | None
 ) -> None:
-    heard = Heard()
     due_s = time.monotonic()
     while not stop.asked:
         now_s = time.monotonic()
@@ -111,6 +121,16 @@ def _listen(
             heard.receive_datagram(data, read_s)
             if read_s >= due_s:  # a flood keeps no picture waiting
                 break
+
+
+def _guard(key: str, mission: str | None) -> ListeningGuard:
+    """KeyFileError."""
+    if mission is None:
+        raise KeyFileError(f"{printable(key)}: needs --mission FILE: the swarm signs for its own mission file")
+    harden_process()
+    keyring = load_keyring(key, OPERATOR)
+    session = open_session(keyring, BASE_ID, bytes.fromhex(mission_sha256(mission)), UNUSED_BOOT)
+    return ListeningGuard(session)
 
 
 def _mission(path: str) -> Mission:

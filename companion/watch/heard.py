@@ -16,9 +16,11 @@ from companion.core.model.beacon import Beacon, RelativeReport
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink.framing.frames import source
-from companion.mavlink.framing.signing import Gate
 from companion.mavlink.own_messages import decode_beacon, here_of
 from companion.mavlink.relative import read_relative_report
+from companion.records.frames import is_record_frame
+from companion.watch.harvest_heard import HarvestHeard
+from companion.watch.listening_guard import ListeningGuard
 from mission.common.frames import LocalFrame, Wgs84
 
 FRESH_S: Final = 2.0  # twenty beacons: what is older is shown as last heard
@@ -52,6 +54,7 @@ class Vehicle:
     battery_percent: tuple[int, int] | None  # from, to; broadcast only while it proposes itself as a successor
     to_leader_ne_m: tuple[float, float] | None  # where it believes the leader to be, in a GNSS-denied swarm
     leader_sd_m: float | None  # standard deviation of that
+    unproven_s: float | None  # since it vouched for what it says; None: no signature is looked at
 
     SOURCES: ClassVar[Sources] = {
         "id": ("sender",),
@@ -74,6 +77,7 @@ class Vehicle:
         "battery_percent": ("candidate.vehicle", "candidate.score"),
         "to_leader_ne_m": ("to_leader_ne_m",),
         "leader_sd_m": ("leader_sd_m",),
+        "unproven_s": ("arrival",),
     }
 
 
@@ -107,7 +111,8 @@ class Picture:
     led_s: float | None  # since a vehicle in the air named a leader that acts; None: none is in the air
     apart_s: float | None  # since all in the air that name an acting leader named the same; None: they do
     other_versions: tuple[int, ...]  # vehicles whose beacons cannot be read
-    refused: int  # beacons that cannot be believed: of wrong fields
+    refused: int  # beacons that cannot be believed: of wrong fields, or not of the swarm's key
+    strangers: tuple[tuple[int, str], ...] = ()  # system id, and what is wrong with frames of that name
 
     SOURCES: ClassVar[Sources] = {
         "not_heard": ("present", "flown"),
@@ -116,6 +121,7 @@ class Picture:
         "apart_s": ("airborne", "lease.leader", "lease.established", "arrival"),
         "other_versions": ("sender", "version"),
         "refused": ("arrival",),
+        "strangers": ("sender", "arrival"),
     }
 
 
@@ -134,12 +140,14 @@ class _Last:
 class Heard:
     """One swarm's radio. `receive_datagram`; `picture` whenever somebody looks. Bounded: one entry a system id."""
 
-    def __init__(self) -> None:
+    def __init__(self, guard: ListeningGuard | None = None) -> None:
+        """`guard`: of a swarm with keys; None: whoever is in range is shown."""
+        self._guard = guard
         self._last: dict[int, _Last] = {}
         self._reports: dict[int, RelativeReport] = {}  # the last of each vehicle: it comes before its beacon
         self._told: dict[int, tuple[Told, float]] = {}
         self._other_versions: set[int] = set()
-        self._gate = Gate(takes_signed=True)
+        self.harvest: Final = HarvestHeard()
         self._refused = 0
         self._heard_s: float | None = None
         self._agreed_s = 0.0
@@ -148,29 +156,36 @@ class Heard:
     def receive_datagram(self, data: bytes, now_s: float) -> None:
         """A datagram that came at `now_s`. Whatever it is, nothing raises."""
         reports: list[RelativeReport] = []
-        found = swarm_beacon.beacons(data, self._beside(reports))
+        found = swarm_beacon.beacons(data, self._beside(reports, now_s))
         self._reports.update((report.sender, report) for report in reports)
         for sender, frame, fields in found:
-            if not self._gate.admits(frame):
+            said = decode_beacon(sender, fields)
+            if self._guard is not None and not self._guard.admits(frame, now_s, said):
                 self._refused += 1
                 continue
-            said = decode_beacon(sender, fields)
             if fields.version != swarm_beacon.VERSION:
                 self._other_versions.add(sender)
             elif said is None or not sender:
                 self._refused += 1
             else:
                 self._other_versions.discard(sender)
-                self._keep_beacon(said, here_of(fields), now_s)
+                shown = said if self._guard is None else self._guard.believe(said, now_s)
+                self._keep_beacon(shown, here_of(fields), now_s)
 
-    def _beside(self, reports: list[RelativeReport]) -> Callable[[bytes], bool]:
-        """Collects the relative reports among the frames of a datagram."""
+    def _beside(self, reports: list[RelativeReport], now_s: float) -> Callable[[bytes], bool]:
+        """Collects the relative reports among the frames of a datagram, and takes manifests and what is of records."""
+        guard = self._guard
 
         def collect_report(frame: bytes) -> bool:
+            if guard is not None and guard.take_manifest(frame, now_s):
+                return True
+            if is_record_frame(frame):
+                is_ours = guard is None or guard.admits(frame, now_s, named=False)
+                return is_ours and self.harvest.take_frame(frame)
             report = read_relative_report(frame)
             if report is None:
                 return False
-            if source(frame)[1] == swarm_beacon.COMPONENT and self._gate.admits(frame):
+            if source(frame)[1] == swarm_beacon.COMPONENT and (guard is None or guard.admits(frame, now_s)):
                 reports.append(report)
             return True
 
@@ -234,6 +249,7 @@ class Heard:
             now_s - self._agreed_s if len(self._leaders(now_s)) > 1 else None,
             tuple(sorted(self._other_versions)),
             self._refused,
+            () if self._guard is None else tuple(self._guard.strangers(now_s).items()),
         )
 
     def _vehicle(self, last: _Last, now_s: float) -> Vehicle:
@@ -259,6 +275,7 @@ class Heard:
             battery_percent=None if said.sender in self._reports else _battery(said),
             to_leader_ne_m=None if report is None else report.to_leader_ne_m,
             leader_sd_m=None if report is None or report.to_leader_ne_m is None else report.leader_sd_m,
+            unproven_s=None if self._guard is None else self._guard.unproven_s(said.sender, now_s),
         )
 
 

@@ -24,7 +24,7 @@ from typing import Any, ClassVar, Final
 from urllib.parse import parse_qs, urlsplit
 
 from companion.watch.chart import ZOOM_MAX, Chart
-from mission.common.connections import (
+from mission.common.network.connections import (
     SEND_BUFFER_BYTES,
     Connections,
     Notices,
@@ -33,7 +33,7 @@ from mission.common.connections import (
     read_head,
     send_within,
 )
-from mission.common.own_addresses import reached_at
+from mission.common.network.own_addresses import reached_at
 
 BUNDLE: Final = Path(__file__).parent / "bundle"
 FILES: Final = {

@@ -40,6 +40,10 @@ class FormingTime:
         """It is not formed now."""
         self._unformed_s = now_s
 
+    def has_formed(self, now_s: float) -> bool:
+        """It has been formed for the last GAP_WINDOW_S, as far as was noted."""
+        return now_s - self._unformed_s > GAP_WINDOW_S + INSTANT_S
+
     def is_over(self, now_s: float, *, changed_s: float = -math.inf) -> bool:
         """True when the time is up and it has been formed for the last GAP_WINDOW_S, or FORMING_LIMIT_S later.
 

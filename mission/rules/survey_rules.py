@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from mission.schema.conflict import Conflict, conflict
 from mission.schema.kinds import RAW_LIDARS, SensorClass
-from mission.schema.tables import MissionTables
+from mission.schema.tables import AtEnd, MissionTables
 from mission.schema.trees import BREAST_HEIGHT_M
 
 LEAST_SPAN_M = 1.5  # of distances at which layers cut breast height: for less, trunks are cut on too little of the way
@@ -17,6 +17,7 @@ def conflicts(mission: MissionTables) -> Iterator[Conflict]:
     """Every law that `mission` breaks."""
     if mission.survey is None:
         return
+    yield from _until(mission)
     if mission.sensing is None:
         needed = f"missing; [survey] needs [sensing] with a lidar that tells every ray: sensor is one of {_classes()}"
         yield Conflict((("sensing",), ("survey",)), "", needed)
@@ -26,6 +27,21 @@ def conflicts(mission: MissionTables) -> Iterator[Conflict]:
             ("sensing.sensor",),
             f"cannot be surveyed with: 72 sectors of 5 degrees tell how near a stem is, and no diameter. One of "
             f"{_classes()} does; or leave [survey] out",
+        )
+
+
+def _until(mission: MissionTables) -> Iterator[Conflict]:
+    """Coverage can end before its time: there is some, and something comes after it."""
+    until = None if mission.survey is None else mission.survey.until
+    if until is None:
+        return
+    if mission.route.at_end is AtEnd.HOLD:
+        yield conflict(mission, ("route.at_end",), 'never ends coverage: [survey] until needs "return" or "land"')
+    if until.after_s >= mission.coverage.duration_s:
+        yield conflict(
+            mission,
+            ("survey.until.after_s", "coverage.duration_s"),
+            "must be less than the time that coverage takes at most",
         )
 
 

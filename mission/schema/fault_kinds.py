@@ -151,4 +151,9 @@ FORMS: Final = {
         of_vehicle=True,
         lies=True,
     ),
+    FaultKind.OUTSIDER: FaultForm(
+        "a radio without keys, beside the first of these vehicles, sends frames that it has heard again, changed, or"
+        " made up in others' names; nothing but signed frames (`--signed`) stands against it",
+        of_vehicle=True,
+    ),
 }

@@ -45,6 +45,7 @@ class FaultKind(StrEnum):
     PILOT = "pilot"  # a pilot takes the vehicle over, and keeps it
     DISK_FULL = "disk-full"  # the companion's computer can write nothing more
     INSIDER = "insider"  # a member with all its own keys says in its own beacons what is not so
+    OUTSIDER = "outsider"  # a radio without keys repeats, changes and makes up frames
 
 
 class Lie(StrEnum):

@@ -427,6 +427,31 @@ class Sensing(Table):
     ] = False
 
 
+class Until(Table):
+    """End of coverage before its time: the leader knows the stand well enough."""
+
+    basal_area_pct: Annotated[
+        Number,
+        Field(
+            ge=1.0,
+            le=100.0,
+            description="Half of the interval of the basal area per hectare, over it: from here on it is enough.",
+        ),
+    ]
+    confidence: Annotated[
+        Number, Field(ge=0.5, le=0.999, description="That the true basal area is in that interval.")
+    ] = 0.95
+    after_s: Annotated[
+        Number,
+        Field(
+            ge=1.0,
+            le=86_400.0,
+            description="Time at a tree before which coverage never ends by this, whatever the figures: no followers "
+            "believe it sooner.",
+        ),
+    ] = 10.0
+
+
 class Survey(Table):
     """Stems measured by every vehicle along its way, with a lidar that tells every ray."""
 
@@ -454,6 +479,14 @@ class Survey(Table):
         Number,
         Field(ge=0.0, le=5.0, description="Standard deviation of that between trees: part of such a diameter's error."),
     ] = 0.4
+    until: Annotated[
+        Until | None,
+        Field(
+            description="The leader goes on from a tree before its time once it knows the stand so well. Left out: it "
+            "stays the whole time.",
+            examples=[{"basal_area_pct": 10.0, "confidence": 0.95}],
+        ),
+    ] = None
 
 
 class Ranging(Table):

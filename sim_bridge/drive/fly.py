@@ -13,7 +13,6 @@ from typing import Any
 
 from companion.core.model.states import SwarmPhase
 from companion.core.stages import StageFactory
-from companion.keys.fleet_folder import file_name
 from companion.mavlink import dialect
 from companion.mavlink.beacon import Reader
 from companion.mavlink.peers.session import BASE_ID
@@ -28,7 +27,7 @@ from sim_bridge.drive.garbage import collect_less
 from sim_bridge.drive.interrupts import no_more_interrupts
 from sim_bridge.drive.live.live import Live
 from sim_bridge.drive.lockstep.airframes_made import counted
-from sim_bridge.drive.lockstep.fleet_keys import FleetKeys
+from sim_bridge.drive.lockstep.fleet_keys import FleetKeys, key_files
 from sim_bridge.drive.lockstep.harvest import Harvest, describe_records
 from sim_bridge.drive.lockstep.lockstep import Companion, CompanionLostError, InProcess, Lockstep
 from sim_bridge.drive.lockstep.processes import Launcher, RadioSocket
@@ -158,7 +157,7 @@ class Flight:
     def status(self, real_time_factor: float) -> Status:
         """A glance at the swarm."""
         status = self.observer.status(self.last, real_time_factor)
-        return status if self.harvest is None else replace(status, records=str(self.harvest.base.progress))
+        return status if self.harvest is None else replace(status, records=self.harvest.base.text)
 
     def intervene(self, fault: Mapping[str, Any]) -> None:
         """Let a fault begin with the next tick; `fault`: as in [[sim.faults]], without a time.
@@ -203,7 +202,7 @@ class Flight:
         self.events.extend((now_s, event.ends()) for event in ended)
         self.lockstep.stopped, self.lockstep.late_s = self.faults.stopped, self.faults.late_s
         self.lockstep.blind = self.faults.blind
-        self.lockstep.insiders.set_lies(self.faults.lies)
+        self.lockstep.set_attackers(self.faults.lies, self.faults.in_force(FaultKind.OUTSIDER))
         for kind in {event.kind: None for event in (*began, *ended)}:
             strike(self.world, kind, self.faults.in_force(kind))
         self.world.radio.cut_off = self.faults.cut_off
@@ -251,9 +250,9 @@ def fly(
     `folder` None: only the outcome is wanted, no file is written; ValueError unless `in_process`. `entrant`: what flies
     in place of ours; ValueError unless `in_process`, as a companion that is a process is a board's. LawError: its law.
     `watch` is called after every tick: a test or a benchmark may interfere there. `programs`: what to start as
-    `companion` for a vehicle, where it is not this installation's. `live`: where it is watched; the pace is its own
-    then. KeyboardInterrupt ends the flight, not the report. Raises AirframeError without jsbsim, MissionError for a
-    stem map that is not in `folder`. `keys`: frames of the radio are signed with them.
+    `companion` for a vehicle, where it is not this installation's. `live`: where it is watched, at its own pace.
+    `keys`: sign the radio. KeyboardInterrupt ends the flight, not the report. Raises AirframeError without jsbsim,
+    MissionError for a stem map that is not in `folder`.
     """
     if folder is not None:
         (folder / MISSION_NAME).write_text(dump_mission(mission), encoding="utf-8")
@@ -287,7 +286,7 @@ def fly(
                 stack.callback(drivers.close)
             logs = folder / "companions"
             logs.mkdir()
-            files = _records_file(harvest), _key_files(keys, folder / "keys")
+            files = _records_file(harvest), key_files(keys, folder / "keys")
             links = Launcher(folder / MISSION_NAME, logs, radio, forks, programs, drivers, sensor, *files)
             start = links.start_again
             companions += links.launch(
@@ -297,6 +296,7 @@ def fly(
             )
         keyholder = None if keys is None else keys.operator(world)
         flight = Flight(mission, companions, world, folder, live, start, harvest, keyholder)
+        flight.lockstep.insiders.sign_with({} if keys is None else keys.sessions)
         stack.callback(flight.close)
         for error in lost_early:
             flight.lockstep.lost[error.vehicle_id] = error.why
@@ -334,14 +334,6 @@ def fly(
             entrant=entrant.figures(),
             records=records,
         )
-
-
-def _key_files(keys: FleetKeys | None, folder: Path) -> Callable[[int], Path | None]:
-    """The files of companions that are processes: written, and where they are."""
-    if keys is None:
-        return lambda _vehicle_id: None
-    keys.write_files(folder)
-    return lambda vehicle_id: folder / file_name(vehicle_id)
 
 
 def _harvest(

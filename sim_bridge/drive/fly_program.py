@@ -11,7 +11,7 @@ import webbrowser
 from pathlib import Path
 
 from mission.cli.main import EXIT_BAD_FILE
-from mission.common import own_addresses
+from mission.common.network import own_addresses
 from mission.document import simulator
 from mission.document.load import load_with_source
 from mission.document.model import Mission

@@ -53,6 +53,7 @@ WORDS: Final = {
     FaultKind.PILOT: ("a pilot takes over {which}", ""),
     FaultKind.DISK_FULL: ("disk of {which} full{lasts}", "disk of {which} has room again"),
     FaultKind.INSIDER: ("beacons of {which} lie: {lie}{lasts}", "beacons of {which} are true again"),
+    FaultKind.OUTSIDER: ("a radio beside {which} forges frames{lasts}", "the radio beside {which} is silent"),
 }
 
 

@@ -22,7 +22,8 @@ Else the flight is the worst of three, and says all that does not hold:
 - INCOMPLETE: it stayed safe, and did not do what the mission asks, though it could have.
 - DEGRADED: the same, and faults explain it: only vehicles that a fault struck, or that sim.battery_mah gives less than
   2000 mAh, stayed behind, landed early or are missing on the ring or sphere; or a fault was in force in the last 30 s;
-  or faults left no majority of the swarm, and then all land, as the failsafe table asks.
+  or faults left no majority of the swarm, and then all land, as the failsafe table asks; or a member has lied: what the
+  others did by its word need not be undone. A radio without keys explains nothing: it is to change nothing.
 """
 
 from __future__ import annotations
@@ -143,6 +144,7 @@ class _Struck:
 
 
 def _struck(faults: Sequence[FaultEvent], mission: Mission, n: int, end_s: float) -> _Struck:
+    faults = [fault for fault in faults if fault.kind is not FaultKind.OUTSIDER]
     struck = {k for k, capacity_mah in mission.sim.battery_mah.items() if capacity_mah < SMALL_BATTERY_MAH}
     struck |= {k for fault in faults for k in fault.vehicles if fault.kind is not FaultKind.PARTITION}
     for fault in faults:
@@ -155,10 +157,10 @@ def _struck(faults: Sequence[FaultEvent], mission: Mission, n: int, end_s: float
 
 
 def _over_s(fault: FaultEvent) -> float:
-    """Time from which the swarm may begin to recover: from a loss it does at once."""
+    """Time from which the swarm may begin to recover: from a loss it does at once, from a member's lies it need not."""
     if fault.kind in LOSSES:
         return fault.at_s
-    return math.inf if fault.until_s is None else fault.until_s
+    return math.inf if fault.until_s is None or fault.kind is FaultKind.INSIDER else fault.until_s
 
 
 def _way(metrics: Metrics, mission: Mission, ended: str, struck: _Struck) -> Iterator[_Problem]:

@@ -49,6 +49,7 @@ _ROWS = {
     FaultKind.PILOT: ("", "2@40", "a pilot takes a vehicle over, and keeps it"),
     FaultKind.DISK_FULL: ("", "2@40", "a companion can write nothing more to its disk"),
     FaultKind.INSIDER: (":LIE", "2@transit:push", f"a member's beacons lie: {', '.join(Lie)}"),
+    FaultKind.OUTSIDER: ("", "2@transit", "a radio without keys, beside a vehicle, repeats and forges frames"),
 }
 
 

@@ -26,6 +26,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seed", type=_seed, default=1, metavar="S", help="of the first flight; the others follow (1)")
     parser.add_argument(
+        "--attackers",
+        type=_share,
+        default=0.5,
+        metavar="SHARE",
+        help="of flights with an attacker, 0 to 1: an insider, an outsider, or a spoofer (0.5)",
+    )
+    parser.add_argument(
         "--out", type=Path, metavar="DIR", help="folder of the rows; what is there already is not flown again"
     )
     parser.add_argument("--shrink", type=_count, default=0, metavar="K", help="make K failing missions smaller (0)")
@@ -44,6 +51,16 @@ def _hours(text: str) -> float:
     if not 0.0 < hours <= 10_000.0:
         raise argparse.ArgumentTypeError(f"{text!r}: must be a number of hours above 0")
     return hours
+
+
+def _share(text: str) -> float:
+    try:
+        share = float(text)
+    except ValueError:
+        share = math.nan
+    if not 0.0 <= share <= 1.0:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be a number from 0 to 1")
+    return share
 
 
 def _seed(text: str) -> int:

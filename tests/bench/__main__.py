@@ -21,6 +21,7 @@ from companion.core.model.states import SwarmPhase
 from sim_bridge.judge.progress import Progress
 from tests.bench import (
     bad_radio,
+    defences,
     encounters,
     floods,
     hashes,
@@ -35,6 +36,7 @@ from tests.bench import (
     spoofing,
     stand_figures,
     stand_map,
+    stand_until,
     survey,
     survey_fits,
     trunks,
@@ -61,6 +63,7 @@ from tests.unit.core.core_election_net import acting_within, failover_within, ov
 # Benchmarks with options of their own.
 PROGRAMS = {
     "bad-radio": bad_radio.main,
+    "defences": defences.main,
     "encounters": encounters.main,
     "hashes": hashes.main,
     "insiders": insiders.main,
@@ -74,6 +77,7 @@ PROGRAMS = {
     "spoofing": spoofing.main,
     "stand-figures": stand_figures.main,
     "stand-map": stand_map.main,
+    "stand-until": stand_until.main,
     "survey": survey.main,
     "survey-fits": survey_fits.main,
     "trunks": trunks.main,
@@ -336,9 +340,11 @@ ABOUT = {
     "signed-radio": "frames forged or sent again, by the million; what signing costs: see signed-radio --help",
     "stand-figures": "a stand's figures of drawn and real stands against the truth: see stand-figures --help",
     "stand-map": "the fused stem map of a flight that surveyed against its trees: see stand-map --help",
+    "stand-until": "surveys that stop by the interval of their basal area: see stand-until --help",
     "survey": "stems measured by a lidar of each class against the bridge's trees: see survey --help",
     "survey-fits": "our fits of stems beside a library's on the same clouds: see survey-fits --help",
     "trunks": "contacts with trunks by estimates as recorded, by class of sensor: see trunks --help",
+    "defences": "which failsafes and limits acted in flights of sim-bridge search: see defences --help",
     "bad-radio": "beacons lost, late or cut off: what is said, who counts as silent: see bad-radio --help",
     "layers": "parts that do not hear each other, with layers of height and without: see layers --help",
     "hashes": "what flies, as hashes, to compare two versions: see hashes --help",

@@ -23,7 +23,7 @@ import numpy as np
 
 import mission
 from companion.core.localisation.integrity.fix_monitor import FixMonitor
-from companion.core.localisation.integrity.own_position import BY_TRUNKS, FRAME_LEAST_RAD
+from companion.core.localisation.integrity.own_position import BY_TRUNKS
 from mission.document.model import Mission
 from mission.schema.kinds import RAW_LIDARS, SensorClass
 from sim_bridge.drive import fly as bridge
@@ -76,8 +76,7 @@ def run_alone(seed: int, *, spoofed: bool) -> Run:
         if way is None:
             continue
         fix = (moment.reported.pos_ned_m[0], moment.reported.pos_ned_m[1])
-        rad2 = max(way.frame_rad2, FRAME_LEAST_RAD**2)
-        if monitor.update(fix, way.ne_m, moment.now_s, frame=way.frame, frame_rad2=rad2) is not None:
+        if monitor.update(fix, way.ne_m, moment.now_s, frame=way.frame, frame_rad2=way.frame_rad2) is not None:
             return Run(sensor, rate_mps, True, off_m)
     return Run(sensor, rate_mps, False, off_m)
 
@@ -214,7 +213,9 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--clean", action="store_true", help="each without its fault, too")
     parser.add_argument("--point-mass", action="store_true", help="without JSBSim")
     parser.add_argument("--open-loop", type=int, default=0, metavar="N", help="N runs of a vehicle alone instead")
-    parser.add_argument("--velocities", type=int, default=0, metavar="N", help="N runs against the own velocity instead")
+    parser.add_argument(
+        "--velocities", type=int, default=0, metavar="N", help="N runs against the own velocity instead"
+    )
     args = parser.parse_args(argv)
     if args.velocities:
         report_velocities(args.velocities, args.first_seed)

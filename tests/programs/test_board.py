@@ -109,6 +109,14 @@ def test_the_service_is_given_the_key_that_the_installer_places() -> None:
         parse_keyring(text, path)
 
 
+def test_the_child_that_fuses_the_stand_may_give_way_and_go_without_the_companion() -> None:
+    """It inherits the companion's priority and OOM score: else it would fuse before all else on the board."""
+    lines = (BOARD / UNIT).read_text().splitlines()
+    assert lines.index("SystemCallFilter=setpriority") > lines.index("SystemCallFilter=~@privileged @resources")
+    assert directive("OOMPolicy") == "continue"
+    assert int(directive("MemoryMax").removesuffix("M")) >= 128 + 240
+
+
 def test_the_service_comes_back_and_is_watched() -> None:
     assert directive("Type") == "notify"
     assert directive("Restart") == "always"
@@ -269,8 +277,8 @@ def test_a_lock_with_conditions_is_refused(bundle: ModuleType, tmp_path: Path) -
 def test_the_boards_lock_is_of_the_board_alone(bundle: ModuleType) -> None:
     names = set(re.findall(r"^([\w-]+)==", bundle.LOCK.read_text(), re.MULTILINE))
     assert {"pydantic", "pymavlink", "pyserial", "fastcrc", "pip"} <= names
-    assert "numpy" in names  # of a flight that surveys
-    assert not names & {"jsbsim", "scipy", "matplotlib", "rich"}
+    assert {"numpy", "scipy"} <= names  # of a flight that surveys
+    assert not names & {"jsbsim", "matplotlib", "rich"}
 
 
 def test_the_own_wheel_is_the_same_each_time_whatever_the_umask(bundle: ModuleType, tmp_path: Path) -> None:

@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 import os
+import socket
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+from companion.keys.autopilot_link import link_key
+from companion.keys.key_file import load_keyring
+from companion.mavlink.autopilot_link.signing import LinkSigning
+from companion.mavlink.framing.frames import whole
+from companion.preflight.report import Check, Report, Verdict, write_report
+from mission.document.load import mission_sha256
 
 LIMIT_S = 60.0
 URL = "udpout://127.0.0.1:9"
@@ -36,8 +46,8 @@ def run_companion(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
 
 
-def flown_log(mission: Path, *options: str) -> str:
-    """The log of a companion that has come to its loop, and was stopped."""
+def flown_log(mission: Path, *options: str, meanwhile: Callable[[], None] = lambda: None) -> str:
+    """The log of a companion that has come to its loop, and was stopped after `meanwhile`."""
     links = ("--autopilot", URL, "--peers", URL)
     command = [sys.executable, "-m", "companion.cli", "run", "--mission", str(mission), "--id", "1", *links, *options]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=mission.parent) as process:
@@ -45,8 +55,9 @@ def flown_log(mission: Path, *options: str) -> str:
         lines: list[str] = []
         for line in process.stderr:
             lines.append(line)
-            if "GROUNDED" in line:
+            if "GROUNDED" in line or "cleared to arm" in line:
                 break
+        meanwhile()
         process.terminate()
         lines += process.stderr
         assert process.wait(LIMIT_S) == 0
@@ -112,3 +123,40 @@ def test_key_that_others_may_read_is_refused(mission: Path, fleet: Path) -> None
     done = run_companion("run", "--mission", str(mission), "--id", "1", *links, "--key", str(key))
     assert done.returncode == 2
     assert "--key" in done.stderr
+
+
+def test_autopilot_link_is_signed_and_nothing_armed_until_preflight_saw_it_refuse(mission: Path, fleet: Path) -> None:
+    key = fleet / "vehicle-1.key"
+    good = Check(name="battery", verdict=Verdict.PASS, found="90 %", wanted="at least 50 %")
+    report = Report(
+        verdict=Verdict.PASS,
+        time_unix_s=time.time(),
+        time_utc="now",
+        mission="two",
+        mission_sha256=mission_sha256(mission),
+        vehicle_id=1,
+        checks=(good,),
+    )
+    write_report(report, mission.with_name("report.json"))
+    options = ("--key", str(key), "--sign-autopilot", "--preflight", str(mission.with_name("report.json")))
+    heard: list[bytes] = []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
+        autopilot.bind(("127.0.0.1", 0))
+        autopilot.settimeout(LIMIT_S)
+        at = f"udpout://127.0.0.1:{autopilot.getsockname()[1]}"
+        log = flown_log(mission, *options, "--autopilot", at, meanwhile=lambda: heard.append(autopilot.recv(65536)))
+    assert "GROUNDED, nothing is armed: preflight failed: signing" in log
+    assert "autopilot link signed" in log
+    gate = LinkSigning(link_key(load_keyring(str(key), 1)))
+    assert all(gate.admits(data[start:end]) for data in heard for start, end, _ in whole(data))
+    assert gate.signed
+
+
+def test_autopilot_link_is_not_signed_without_a_key(mission: Path) -> None:
+    links = ("--autopilot", URL, "--peers", URL)
+    done = run_companion("run", "--mission", str(mission), "--id", "1", *links, "--unsigned", "--sign-autopilot")
+    assert done.returncode == 2
+    assert "--sign-autopilot" in done.stderr
+    done = run_companion("preflight", "--mission", str(mission), "--id", "1", "--autopilot", URL, "--sign-autopilot")
+    assert done.returncode == 2
+    assert "is needed for --sign-autopilot" in done.stderr

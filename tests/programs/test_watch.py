@@ -10,10 +10,12 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tests.programs.companion_kit import MISSION
+from tests.unit.keys.keys_kit import key_file, operator_of, vehicle_of
 from tests.unit.watch.watch_kit import beacon
 
 LIMIT_S = 60.0
@@ -114,3 +116,40 @@ def test_it_loads_neither_what_steers_nor_what_speaks_to_autopilots() -> None:
     check = f"import sys, companion.watch.command; print([m for m in {kept_out} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, timeout=LIMIT_S, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_with_the_operators_key_what_is_unsigned_is_told_and_not_shown(tmp_path: Path) -> None:
+    mission, key = tmp_path / "m.toml", key_file(tmp_path / "operator.key", operator_of(2))
+    mission.write_text(MISSION)
+    port = free_port()
+    options = ["--peers", f"udpin://127.0.0.1:{port}", "--listen", "127.0.0.1:0"]
+    options += ["--mission", str(mission), "--key", str(key)]
+    vehicle_key = key_file(tmp_path / "vehicle.key", vehicle_of(operator_of(2), 1))
+    for wrong, why in (
+        ([*options[:4], "--key", str(key)], "needs --mission FILE"),
+        ([*options[:6], "--key", str(vehicle_key)], "must be the operator"),
+    ):
+        done = subprocess.run(command(*wrong), capture_output=True, text=True, timeout=LIMIT_S, check=False)
+        assert done.returncode == 2
+        assert why in done.stderr
+    with subprocess.Popen(command(*options), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            process.stdout.readline()
+            address = re.search(r"127\.0\.0\.1:\d+", process.stdout.readline())
+            assert address is not None
+            connection = http.client.HTTPConnection(address[0], timeout=LIMIT_S)
+            connection.request("GET", "/heard")
+            stream = connection.getresponse()
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+                picture: dict[str, Any] = {"alarms": []}
+                while not picture["alarms"]:
+                    stranger.sendto(beacon(1), ("127.0.0.1", port))
+                    line = stream.readline()
+                    if line.startswith(b"data: "):
+                        picture = json.loads(line.removeprefix(b"data: "))
+            assert picture["vehicles"] == []
+            assert picture["alarms"][0]["text"] == "Vehicle 1: sends unsigned frames, which are not shown"
+            connection.close()
+        finally:
+            process.kill()

@@ -15,10 +15,12 @@ from pymavlink.dialects.v20 import ardupilotmega
 
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
+from companion.mavlink.autopilot_link.signing import LinkSigning, as_signed
 from companion.mavlink.codec import Codec
 from companion.mavlink.framing import wire
 from companion.mavlink.framing.frames import Framing
 from companion.mavlink.own_messages import BEACON_PAYLOAD
+from companion.mavlink.peers.frame_mac import seal
 from companion.mavlink.schema.tables import beacon as schema
 from mission.common.frames import LocalFrame, Vec3, Wgs84
 
@@ -151,6 +153,21 @@ def test_fields_are_those_that_pymavlink_reads(message: Any, seq: int, system: i
 
 
 vectors = st.tuples(*[st.floats(width=32, allow_nan=False)] * 3)
+
+
+@given(messages(), st.binary(min_size=32, max_size=32), st.integers(0, 255), st.integers(0, 2**48 - 1))
+@settings(max_examples=60)
+def test_frames_are_signed_as_pymavlink_signs_them(message: Any, key: bytes, link: int, timestamp: int) -> None:
+    mav = dialect.MAVLink(None, srcSystem=3, srcComponent=1)
+    mav.signing.secret_key, mav.signing.link_id, mav.signing.timestamp = key, link, timestamp
+    unsigned = bytes(message.pack(mav))
+    mav.signing.sign_outgoing = True
+    frame = bytes(message.pack(mav))
+    assert seal(as_signed(unsigned), key, link, timestamp) == frame
+    assert LinkSigning(key, timestamp=timestamp).admits(frame)
+    assert same(wire.decode(frame), wire.decode(unsigned))
+    for name in message.ordered_fieldnames:
+        assert getattr(wire.fields(frame), name) == getattr(wire.fields(unsigned), name), name
 
 
 @given(vectors, st.floats(-math.pi, math.pi), st.integers(0, 2**32 - 1), st.integers(1, 250))

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from companion.records.summary import decode_summary, encode_summary
 from companion.survey.observation import BODY_MAX, REASON_MAX, Grade, StemObservation, decode, encode
 from companion.survey.track import TrackPoint, decode_track, encode_track
 
@@ -94,3 +95,9 @@ def test_what_follows_the_array_is_refused() -> None:
 def test_too_long_a_reason_is_not_written() -> None:
     with pytest.raises(ValueError, match="at most 40"):
         encode(dataclasses.replace(EVEN, reason="x" * 41))
+
+
+@given(st.binary(max_size=300) | st.lists(st.none() | st.floats() | st.integers(), max_size=11).map(cbor2.dumps))
+def test_no_bytes_raise_as_a_summary(body: bytes) -> None:
+    summary = decode_summary(body)
+    assert summary is None or decode_summary(encode_summary(summary)) == summary

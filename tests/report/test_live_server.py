@@ -15,7 +15,7 @@ import pytest
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from mission.common.connections import CONNECTIONS_MAX
+from mission.common.network.connections import CONNECTIONS_MAX
 from mission.common.problems import MissionError
 from sim_bridge.judge.live import wire
 from sim_bridge.judge.live.server import OF_ADDRESS_MAX, VIEWERS_MAX, MapServer

@@ -29,7 +29,7 @@ FLYING_S = 30.0  # to be in the air and steered
 
 
 class Flooded(CompanionProcess):
-    """Before each tick's datagrams come so many of others, on these links, from the address that is the genuine one's."""
+    """Before each tick's datagrams come so many of others on these links, from the genuine address."""
 
     def __init__(self, vehicle_id: int, folder: Path, radio: RadioSocket, drivers: RadioSocket, sensor: str) -> None:
         super().__init__(

@@ -9,10 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from companion.core.agent import TICK_S
+from companion.core.model.stand import StandMeasured
+from companion.core.model.states import SwarmPhase
 from companion.records.record import BASE_ID, Draft, RecordKind
 from companion.records.store import Batch, RecordStore
 from mission.document.model import Mission
 from sim_bridge.drive.fly import Flight
+from sim_bridge.drive.lockstep.lockstep import InProcess
 from sim_bridge.judge import run_folder
 from tests.bench.records import Maker, log_of
 from tests.flights import flown, short_mission
@@ -174,3 +178,35 @@ def test_the_base_station_does_not_hear_what_its_range_does_not_reach(tmp_path: 
     flown(surveying(2, route=far, radio={"full_range_m": 30.0}), tmp_path, watch=note)
     assert [1, 2] in seen
     assert seen[-1] == []
+
+
+class Knows:
+    """Tells the acting leader in coverage that it knows the stand as well as it says."""
+
+    def __init__(self, basal_area_pct: float) -> None:
+        self.basal_area_pct = basal_area_pct
+        self.covered_s = 0.0
+
+    def __call__(self, flight: Flight) -> None:
+        leader = flight.leader()
+        if leader is not None and flight.phase() is SwarmPhase.COVERAGE:
+            self.covered_s += TICK_S
+            companion = flight.lockstep.companions[leader]
+            assert isinstance(companion, InProcess)
+            companion.endpoint.agent.receive(StandMeasured(self.basal_area_pct), flight.world.now_s)
+
+
+@pytest.mark.sources
+@pytest.mark.parametrize(("pct", "covers_s"), [(9.0, 15.0), (11.0, 50.0)], ids=["known", "not known"])
+def test_followers_go_with_a_leader_that_ends_coverage_as_the_mission_lets_it(
+    tmp_path: Path, pct: float, covers_s: float
+) -> None:
+    until = {"until": {"basal_area_pct": 10.0, "after_s": 15.0}}
+    plain = surveying(coverage={"duration_s": 50.0})
+    mission = Mission.model_validate({**plain.model_dump(by_alias=True), "survey": until})
+    knows = Knows(pct)
+    outcome, shown = flown(mission, tmp_path, watch=knows)
+    assert outcome.succeeded, shown
+    assert covers_s - 0.5 <= knows.covered_s <= covers_s + 5.0
+    assert "does not believe" not in shown
+    assert "phase is false" not in shown

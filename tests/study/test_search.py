@@ -46,7 +46,7 @@ def test_a_seed_draws_the_same_mission_again(missions: list[Mission]) -> None:
 
 def test_all_that_can_be_drawn_is_drawn(missions: list[Mission]) -> None:
     assert {mission.swarm.size for mission in missions} == set(range(3, 13))
-    assert {len(mission.sim.faults) for mission in missions} == set(range(MOST_FAULTS + 1))
+    assert {len(mission.sim.faults) for mission in missions} == set(range(MOST_FAULTS + 2))
     assert {fault.kind for mission in missions for fault in mission.sim.faults} == set(FaultKind) - {
         FaultKind.DISK_FULL
     }
@@ -87,7 +87,8 @@ def test_further_faults_mostly_begin_together_with_the_one_before(missions: list
 
 
 def test_a_seed_without_a_possible_mission_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(drawing, "_tables", lambda *_: {"schema": 1})
+    tables = {"schema": 1, "swarm": {"size": 3}}  # no route
+    monkeypatch.setattr(drawing, "_tables", lambda *_: tables | {"sim": {"faults": []}})
     with pytest.raises(drawing.DrawError, match="seed 7: none of 200"):
         draw(7)
 
@@ -210,53 +211,12 @@ def test_a_broken_invariant_is_the_first_cause_of_its_flight(monkeypatch: pytest
 
     def steers(companion: InProcess) -> tuple[bytes, bytes]:
         to_peers, to_autopilot = answer(companion)
-        return to_peers, to_autopilot + (SETPOINT if companion.id == 2 else b"")
+        return to_peers, (SETPOINT if companion.id == 2 else b"") + to_autopilot  # while it steers, its own counts
 
     monkeypatch.setattr(InProcess, "receive", steers)
     row = flight.fly_to_row(mission, on_jsbsim=False)
     assert (row["grade"], row["causes"][0]) == ("UNSAFE", "takeover")
     assert row["verdict"].startswith("UNSAFE: vehicle 2: a setpoint at ")
-
-
-def rows_that_fail_by(fails: Any) -> Any:
-    def fly(mission: Mission, **_: Any) -> dict[str, Any]:
-        failed = fails(mission)
-        return {"grade": "UNSAFE" if failed else "ARRIVED", "causes": ["contact"] if failed else [], "verdict": "shown"}
-
-    return fly
-
-
-def test_what_does_not_matter_is_taken_away(monkeypatch: pytest.MonkeyPatch, missions: list[Mission]) -> None:
-    """It fails while vehicle 2 is stopped and there is any loss."""
-
-    def fails(mission: Mission) -> bool:
-        stopped = any(fault.kind is FaultKind.STOP and 2 in (fault.vehicles or ()) for fault in mission.sim.faults)
-        return stopped and mission.sim.radio_loss > 0.0
-
-    stop = {"kind": "stop", "vehicles": [2], "phase": "transit", "at_s": 3.0, "for_s": 4.0}
-    kill = {"kind": "kill", "vehicles": [3], "at_s": 5.0}
-    whole = next(one for one in missions if one.forest.stand is not None and one.swarm.size > 8 and one.sim.radio_loss)
-    tables = whole.model_dump(mode="json", by_alias=True)
-    tables["sim"]["faults"] = [kill, stop]
-    monkeypatch.setattr(shrink, "fly_to_row", rows_that_fail_by(fails))
-    small = shrink.shrink(Mission.model_validate(tables), "contact", on_jsbsim=False, most_flights=100)
-    assert fails(small)
-    assert small.swarm.size <= 3
-    assert [fault.kind for fault in small.sim.faults] == [FaultKind.STOP]
-    assert small.forest.stand is None
-    assert (small.sim.radio_delay_s, small.sim.turbulence_mps, small.sim.personalities) == (0.0, 0.0, {})
-
-
-def test_shrinking_ends_with_its_flights(monkeypatch: pytest.MonkeyPatch, missions: list[Mission]) -> None:
-    flown: list[Mission] = []
-
-    def fly(mission: Mission, **_: Any) -> dict[str, Any]:
-        flown.append(mission)
-        return {"grade": "UNSAFE", "causes": ["separation"], "verdict": ""}  # another way to fail
-
-    monkeypatch.setattr(shrink, "fly_to_row", fly)
-    assert shrink.shrink(missions[0], "contact", on_jsbsim=False, most_flights=5) == missions[0]
-    assert len(flown) == 5
 
 
 def test_an_error_of_the_program_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -270,7 +230,14 @@ def test_an_error_of_the_program_is_a_finding(monkeypatch: pytest.MonkeyPatch) -
 
 
 def a_row(seed: int, grade: str, *causes: str, run: str = "open", asked: tuple[str, ...] = ()) -> dict[str, Any]:
-    found = {"seed": seed, "n": 5, "run": run, "grade": grade, "causes": list(causes), "verdict": f"{grade}: why"}
+    found: dict[str, Any] = {
+        "seed": seed,
+        "n": 5,
+        "run": run,
+        "grade": grade,
+        "causes": list(causes),
+        "verdict": f"{grade}: why",
+    }
     return found | {"asked": list(asked), "faults": dict(Counter(asked[:1]))}
 
 
@@ -279,11 +246,13 @@ def test_the_tables_of_a_campaign() -> None:
         a_row(1, "ARRIVED", asked=("kill", "late")),
         a_row(2, "INCOMPLETE", "not arrived", "coverage"),
         a_row(3, "UNSAFE", "contact", run="trees"),
-        a_row(4, "DEGRADED", "not arrived"),
-    ]
+        a_row(4, "DEGRADED", "not arrived") | {"attacker": "insider"},
+    ]  # those of earlier versions name no attacker
     assert [row["seed"] for row in summary.failures(rows)] == [3, 2]
     text = summary.markdown(rows)
     assert "| all: 4 | 1 (25.0 %) | 1 (25.0 %) | 1 (25.0 %) | 1 (25.0 %) |" in text
+    assert "| insider: 1 | 0 (0.0 %) | 1 (100.0 %) |" in text
+    assert "| no attacker: 3 | 1 (33.3 %) |" in text
     assert "| trees: 1 | 0 (0.0 %) | 0 (0.0 %) | 0 (0.0 %) | 1 (100.0 %) |" in text
     assert "| not arrived | some never came to d2 | 0 | 1 | 1 | 2 |" in text
     assert "| late | 1 | 0 |" in text
@@ -293,10 +262,12 @@ def test_the_tables_of_a_campaign() -> None:
 def test_a_campaign_goes_on_where_it_ended_and_keeps_missions(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def tiny(seed: int) -> Drawn:
+    def tiny(seed: int, _share: float) -> Drawn:
         route = {"d2_enu_m": (20.0, 0.0, 4.0)}
         late = 20.0 if seed == 8 else 200.0  # no time to arrive
-        return Drawn(short_mission(swarm={"size": 2}, route=route, sim={"seed": seed, "time_limit_s": late}), 0)
+        return Drawn(
+            short_mission(swarm={"size": 2}, route=route, sim={"seed": seed, "time_limit_s": late}), 0, seed == 8
+        )
 
     monkeypatch.setattr(program, "draw", tiny)
     command = ["search", "--backend", "point-mass", "--seed", "7", "--workers", "1", "--out", str(tmp_path)]
@@ -307,6 +278,8 @@ def test_a_campaign_goes_on_where_it_ended_and_keeps_missions(
     assert "sim-bridge search --backend point-mass --seed 8 --flights 1" in shown.err
     rows = [json.loads(line) for line in (tmp_path / "rows.jsonl").read_text().splitlines()]
     assert {row["seed"]: row["grade"] for row in rows} == {7: "ARRIVED", 8: "INCOMPLETE"}
+    assert {row["seed"]: row["signed"] for row in rows} == {7: False, 8: True}
+    assert {(row["version"], row["attacker"]) for row in rows} == {(drawing.VERSION, "")}
     assert (tmp_path / "report.html").is_file()
     assert (tmp_path / "summary.md").read_text().startswith("| flights |")
     monkeypatch.setattr(flight, "fly_to_row", None)  # nothing is flown again
@@ -315,6 +288,8 @@ def test_a_campaign_goes_on_where_it_ended_and_keeps_missions(
     monkeypatch.setattr(shrink, "fly_to_row", lambda *_, **__: {"causes": []})
     assert cli.main([*command, "--flights", "2", "--shrink", "1"]) == 1
     assert load_mission(tmp_path / "8.toml") == load_mission(tmp_path / "8-shrunk.toml")
+    assert (tmp_path / "8.toml").read_text().startswith("# signed: true\n")
+    assert cli.main([*command, "--flights", "1", "--attackers", "0.25"]) == 0  # as drawn here: nothing to fly
 
 
 @pytest.mark.parametrize(
@@ -324,6 +299,8 @@ def test_a_campaign_goes_on_where_it_ended_and_keeps_missions(
         ("--hours", "soon", "number of hours above 0"),
         ("--seed", "-1", "whole number from 0"),
         ("--shrink", "few", "whole number"),
+        ("--attackers", "all", "number from 0 to 1"),
+        ("--attackers", "1.5", "number from 0 to 1"),
     ],
 )
 def test_what_an_option_must_be_is_said(option: str, value: str, why: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,7 +7,7 @@ from enum import Enum
 from typing import Final
 
 from companion.core.model.states import SwarmPhase
-from mission.common.forming import FormingTime
+from mission.common.forming import GAP_WINDOW_S, FormingTime
 from mission.common.frames import Vec3, enu_to_ned
 from mission.document.model import AtEnd, Mission
 
@@ -63,6 +63,8 @@ class Phases:
         self._majority = mission.swarm.size // 2 + 1
         self.since_s = now_s
         self._forming = FormingTime(self._mission.coverage.duration_s, now_s)
+        self._until = None if mission.survey is None else mission.survey.until
+        self._knows_stand = False  # by the own records, as well as the mission asks for
         self._started = False  # the operator's word is known
         self._met_since_s: float | None = None
         self._arrived_s: float | None = None
@@ -172,19 +174,33 @@ class Phases:
         """At the last tree, or on the way there."""
         return self.stop + 1 == len(self._visits)
 
+    def note_stand(self, basal_area_pct: float | None) -> None:
+        """The interval of the basal area, by the records that this vehicle has (`StandMeasured`).
+
+        A leader ends coverage by it, but never before `until.after_s`; who follows it goes by the time alone.
+        """
+        until = self._until
+        self._knows_stand = until is not None and basal_area_pct is not None and basal_area_pct <= until.basal_area_pct
+
     def is_near_end(self, now_s: float) -> bool:
         """The swarm is at the last tree, and whether it has formed counts from now on (see `note_unformed`)."""
-        return self.phase is SwarmPhase.COVERAGE and self._at_last and self._forming.is_near_end(self._mission_s(now_s))
+        if self.phase is not SwarmPhase.COVERAGE or not self._at_last:
+            return False
+        now_s, until = self._mission_s(now_s), self._until
+        is_near_least = until is not None and now_s - self.since_s >= until.after_s - GAP_WINDOW_S
+        return is_near_least or self._forming.is_near_end(now_s)
 
     def note_unformed(self, now_s: float) -> None:
         """The ring or sphere is not formed now: the leader goes on with its coverage."""
         self._forming.note_unformed(self._mission_s(now_s))
 
     def _is_covered(self, now_s: float) -> bool:
-        """The swarm has been at this tree for its time, and has formed about the last one."""
+        """The swarm has been at this tree for its time, or knows the stand; and has formed about the last one."""
+        until = self._until
+        is_enough = self._knows_stand and until is not None and now_s - self.since_s >= until.after_s
         if self._at_last:
-            return self._forming.is_over(now_s)
-        return now_s - self.since_s >= self._visits[self.stop].duration_s
+            return self._forming.is_over(now_s) or (is_enough and self._forming.has_formed(now_s))
+        return is_enough or now_s - self.since_s >= self._visits[self.stop].duration_s
 
     def turn_back(self, now_s: float) -> bool:
         """A leader's, which knows no better than to go back; True: that is news."""

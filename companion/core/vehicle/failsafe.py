@@ -528,8 +528,8 @@ ROWS: tuple[Row, ...] = (
     Row(
         Cause.GNSS_ASTRAY,
         Source.INTEGRITY,
-        "its fix has left the way that trunks, or its own velocity, tell, and for {delay_s} s no trunks tell its motion: "
-        "it goes by the drift that was found, or that velocity",
+        "its fix has left the way that trunks, or its own velocity, tell, and for {delay_s} s no trunks tell its "
+        "motion: it goes by the drift that was found, or that velocity",
         lambda r: r.unseen_s,
         Response.HOLD,
         Clear.GONE,
@@ -636,8 +636,8 @@ ROWS: tuple[Row, ...] = (
     Row(
         Cause.POSITION_DOUBTED,
         Source.INTEGRITY,
-        "its fix has left the way that trunks, or its own velocity, tell: it flies by these for the rest of the flight; "
-        "or a jump was taken off its position, which has not come back",
+        "its fix has left the way that trunks, or its own velocity, tell: it flies by these for the rest of the "
+        "flight; or a jump was taken off its position, which has not come back",
         lambda r: there(r.is_astray or r.is_off),
         Response.RESIGN,
         Clear.GONE,

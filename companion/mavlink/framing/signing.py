@@ -1,8 +1,7 @@
 """The gate of a link: decides on each valid frame before anything is remembered of its sender.
 
-MAVLink 2 signing (a MAC of 6 bytes, its link and its timestamp behind the checksum) belongs here: the MAC is checked
-first, the timestamp's high-water mark moves after it, and only then do last heard, sequence and agent see the frame.
-Key and mark will be handed in. There is no key yet, and no signature is read.
+This one has no key, and reads no signature. `companion.mavlink.autopilot_link.signing` has one: there the MAC is
+checked first, timestamps move after it, and only then do last heard, sequence and agent see the frame.
 """
 
 from __future__ import annotations
@@ -29,3 +28,11 @@ class Gate:
         if not self._takes_signed:
             self.refused += 1
         return self._takes_signed
+
+    def seal(self, frame: bytes, now_s: float) -> bytes:  # noqa: ARG002
+        """A frame as it is sent."""
+        return frame
+
+    def counters(self) -> dict[str, int]:
+        """Counts of what was refused, for the log."""
+        return {}

@@ -1,7 +1,8 @@
 """One MAVLink 2 frame <-> one message, at a fraction of the cost of the generated code. Held equal to it by tests.
 
 The generated `decode` and `pack` carry MAVLink 1, signing and arrays through every call, and build an object with its
-header for each message. Most traffic is unsigned MAVLink 2 with plain fields; the rest goes to the generated code.
+header for each message. Most traffic is MAVLink 2 with plain fields, signed (which is not read here) or not; the rest
+goes to the generated code.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from companion.mavlink import dialect
 _V2: Final = dialect.PROTOCOL_MARKER_V2
 HEADER_BYTES: Final = 10
 CRC_BYTES: Final = 2
+_SIGNED: Final = 0x01  # incompatibility flag
+_SIGNATURE_BYTES: Final = 13
 _HEADER: Final = struct.Struct("<BBBBBBBHB")
 _CRC_EXTRA: Final = {message_id: bytes([message.crc_extra]) for message_id, message in dialect.mavlink_map.items()}
 _PLAIN: Final = {
@@ -35,7 +38,7 @@ _new_type: Any = namedtuple  # under its own name mypyc takes it for a class sta
 
 def fields(frame: bytes) -> Any:
     """A whole frame -> its message's fields as attributes. MAVError when it is not valid, or not of the dialect."""
-    if frame[0] != _V2 or len(frame) <= HEADER_BYTES or frame[2]:
+    if frame[0] != _V2 or len(frame) <= HEADER_BYTES or frame[2] & ~_SIGNED:
         return _decode_generated(frame)
     message_id = frame[7] | frame[8] << 8 | frame[9] << 16
     if message_id not in _PLAIN:
@@ -43,7 +46,7 @@ def fields(frame: bytes) -> Any:
     unpack, size, crc_extra, make = _plain(message_id)
     length = frame[1]
     end = HEADER_BYTES + length
-    if length > size or len(frame) != end + CRC_BYTES:
+    if length > size or len(frame) != end + CRC_BYTES + (_SIGNATURE_BYTES if frame[2] else 0):
         return _decode_generated(frame)
     if mcrf4xx(frame[1:end] + crc_extra) != frame[end] | frame[end + 1] << 8:
         raise dialect.MAVError("invalid CRC")

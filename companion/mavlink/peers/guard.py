@@ -45,13 +45,13 @@ class Guard(Protocol):
     refused: Counter[str]  # frames, by reason
 
     def passes(self, frame: bytes, now_s: float) -> bool:
-        """True: this valid frame was sent by one of the swarm, now. Asked before it is decoded; `take` follows."""
+        """True: this valid frame was sent by one of the swarm, now. Asked before it is decoded: see `take_admitted`."""
 
-    def take(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> None:
+    def take_admitted(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> None:
         """A frame that has passed. `said`: of a beacon; `named`: by its sender's manifests."""
 
     def admits(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> bool:
-        """`passes`, and then `take`."""
+        """`passes`, and then `take_admitted`."""
 
     def take_proof(self, frame: bytes, now_s: float) -> bool:
         """A frame that proves itself; False: it is none."""
@@ -93,7 +93,7 @@ class OpenGuard:
             return False
         return True
 
-    def take(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> None:
+    def take_admitted(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> None:
         pass
 
     def admits(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> bool:  # noqa: ARG002
@@ -156,13 +156,13 @@ class SignedGuard:
             self.refused[refusal] += 1
         return not refusal
 
-    def take(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> None:
+    def take_admitted(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> None:
         self._streams[frame[5]].take_frame(frame, said, now_s, named=named)
 
     def admits(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> bool:
         if not self.passes(frame, now_s):
             return False
-        self.take(frame, now_s, said, named=named)
+        self.take_admitted(frame, now_s, said, named=named)
         return True
 
     def _refusal(self, frame: bytes, sender: int, now_s: float) -> str:

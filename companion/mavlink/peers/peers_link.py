@@ -118,7 +118,7 @@ class _Datagram:
         """A frame with a beacon's id -> its beacon, or REFUSED; None: it is not valid."""
         decoded = self._reader.decode_frame(frame, self._passes)
         if decoded is not None and decoded is not REFUSED:
-            self._guard.take(frame, self._now_s, decoded.said)
+            self._guard.take_admitted(frame, self._now_s, decoded.said)
         return decoded
 
     def _passes(self, frame: bytes) -> bool:

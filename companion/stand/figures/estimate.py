@@ -17,7 +17,15 @@ from scipy import stats
 
 from companion.stand.figures.detection import DBH_REFERENCE_M, fit_detection, scores, sightings_of
 from companion.stand.figures.ground import LOOK_GAP_S, Grid, Looks, grid_of, looks_at, track_of, within_area
-from companion.stand.figures.intervals import M2_PER_HA, Estimate, Influence, Sample, intervals_of, sample_of
+from companion.stand.figures.intervals import (
+    CONFIDENCE,
+    M2_PER_HA,
+    Estimate,
+    Influence,
+    Sample,
+    intervals_of,
+    sample_of,
+)
 from companion.stand.form_height import FORM_HEIGHT_M
 from companion.stand.fusion.fuse import FusedStem, Fusion
 from companion.stand.records import Harvest
@@ -76,9 +84,17 @@ class SeenGround:
 
 
 def figures_of(
-    harvest: Harvest, fusion: Fusion, *, area_m: Sequence[Point] | None, form_height_m: float = FORM_HEIGHT_M
+    harvest: Harvest,
+    fusion: Fusion,
+    *,
+    area_m: Sequence[Point] | None,
+    form_height_m: float = FORM_HEIGHT_M,
+    confidence: float = CONFIDENCE,
 ) -> SeenGround:
-    """`area_m`: the polygon (east, north) that the figures are of; None: all that was seen."""
+    """`area_m`: the polygon (east, north) that the figures are of; None: all that was seen.
+
+    `confidence`: of the intervals.
+    """
     track = track_of(harvest.track, fusion)
     grid = grid_of(track, area_m)
     trunks_m = np.asarray([(s.east_m, s.north_m) for s in fusion.stems]).reshape(-1, 2)
@@ -102,7 +118,7 @@ def figures_of(
     own = scores(fit, sighted, is_found)
     sample = sample_of(stems, places_m, kept, (sighted, fit, own), (grid.middle_m[is_seen], grid.cell_m), area_m)
     thin = _at_limit([s for s in fusion.stems if s.is_counted])
-    return SeenGround(_figures(sample, thin, area_m, form_height_m), grid, is_seen)
+    return SeenGround(_figures(sample, thin, area_m, form_height_m, confidence), grid, is_seen)
 
 
 def _found(looks: Looks, stems: Sequence[FusedStem], harvest: Harvest, fusion: Fusion) -> npt.NDArray[np.bool_]:
@@ -137,7 +153,11 @@ def _at_limit(stems: Sequence[FusedStem]) -> tuple[float, float]:
 
 
 def _figures(
-    sample: Sample, at_limit: tuple[float, float], area_m: Sequence[Point] | None, form_height_m: float
+    sample: Sample,
+    at_limit: tuple[float, float],
+    area_m: Sequence[Point] | None,
+    form_height_m: float,
+    confidence: float,
 ) -> StandFigures:
     d_m, count = sample.dbh_m, len(sample.dbh_m)
     weights, ha = sample.weights, sample.ha
@@ -148,7 +168,7 @@ def _figures(
     quadratic_m = np.sqrt(np.maximum(basal / total * 4.0 / np.pi, 1e-12))
     taper_m = math.sqrt(TAPER_COMMON) * float(np.median(sample.taper_sd_m)) if count else 0.0
     common_m = math.hypot(COMMON_SD_M, taper_m)
-    interval = intervals_of(sample)
+    interval = intervals_of(sample, confidence)
     n, g, q_m = float(total[0]), max(float(basal[0]), 1e-12), float(quadratic_m[0])
     number = Influence(np.full(count, 1.0 / n), np.zeros(count), common_m * at_limit[0], at_limit[1])
     area = Influence(squares / g, np.pi / 2.0 * d_m / g, 2.0 * common_m / q_m)
@@ -164,16 +184,16 @@ def _figures(
         volume_m3_per_ha=interval(basal / ha * form_height_m, area, is_relative=True),
         dbh_mean_cm=interval(100.0 * mean_m, mean, is_relative=False),
         dbh_quadratic_mean_cm=interval(100.0 * quadratic_m, quadratic, is_relative=False),
-        classes=tuple(_classes(sample)),
+        classes=tuple(_classes(sample, confidence)),
         blocks=len(ha) - 1 - sample.parameters,
         form_height_m=form_height_m,
     )
 
 
-def _classes(sample: Sample) -> Iterator[DiameterClass]:
+def _classes(sample: Sample, confidence: float) -> Iterator[DiameterClass]:
     """From the thinnest to the thickest, empty ones between them too."""
     own = np.floor(sample.dbh_m / CLASS_M + 1e-9).astype(np.int64)
-    interval = intervals_of(sample)
+    interval = intervals_of(sample, confidence)
     for k in range(int(own.min()), int(own.max()) + 1) if len(own) else ():
         is_in = (own == k).astype(np.float64)
         low, high = (stats.norm.cdf((edge * CLASS_M - sample.dbh_m) / sample.dbh_sd_m) for edge in (k, k + 1))

@@ -117,12 +117,12 @@ def sample_of(
     )
 
 
-def intervals_of(sample: Sample) -> IntervalOf:
-    """Makes the estimates of `sample`."""
+def intervals_of(sample: Sample, confidence: float = CONFIDENCE) -> IntervalOf:
+    """Makes the estimates of `sample`; `confidence`: that the true value is in an interval, 0..1."""
     blocks = len(sample.block_share)
     freedom = 1.0 / float((sample.block_share**2).sum()) - 1.0
-    normal = float(stats.norm.ppf(0.5 + CONFIDENCE / 2.0))
-    student = float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, max(freedom, 1.0)))
+    normal = float(stats.norm.ppf(0.5 + confidence / 2.0))
+    student = float(stats.t.ppf(0.5 + confidence / 2.0, max(freedom, 1.0)))
     is_whole = sample.seen_share >= SEEN_WHOLE
 
     def interval(replicates: Floats, influence: Influence, *, is_relative: bool) -> Estimate:

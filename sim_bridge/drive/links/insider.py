@@ -20,10 +20,12 @@ from companion.mavlink import dialect
 from companion.mavlink.beacon import COMPONENT, NOWHERE_DEG, WireBeacon, encode
 from companion.mavlink.framing import wire
 from companion.mavlink.own_messages import decode_beacon, encode_relative_report, here_of
+from companion.mavlink.peers.session import Session
 from companion.mavlink.relative import RELATIVE_ID
 from mission.common.frames import LocalFrame, Vec3, Wgs84, enu_to_ned
 from mission.document.model import Mission
 from mission.schema.kinds import Lie
+from sim_bridge.drive.links.resealer import Resealer
 
 SALT: Final = 0x1251DE
 AIMS_S: Final = (3.0, 12.0)  # how long one is pushed, or haunted
@@ -264,12 +266,18 @@ class Insider:
 
 
 class Insiders:
-    """Registry of a flight's insiders."""
+    """Registry of a flight's insiders: frames on their way out, as they are sent."""
 
     def __init__(self, mission: Mission) -> None:
         self._mission = mission
         self._found: dict[int, Insider] = {}
         self._lies: dict[int, Lie] = {}
+        self._sessions: Mapping[int, Session] = {}
+        self._resealers: dict[int, Resealer] = {}  # of those that have lied, in a signed swarm
+
+    def sign_with(self, sessions: Mapping[int, Session]) -> None:
+        """In a signed swarm: the session of each companion's last start, by id."""
+        self._sessions = sessions
 
     def set_lies(self, lies: Mapping[int, Lie]) -> None:
         """Set the lie of each of these from now on; the others tell what is so."""
@@ -283,3 +291,33 @@ class Insiders:
     def find_insider(self, vehicle_id: int) -> Insider | None:
         """The insider of that vehicle; None: it is honest."""
         return self._found.get(vehicle_id)
+
+    def rewrite_beacon(
+        self, sender: int, frame: bytes, fields: WireBeacon, now_s: float, places_ned_m: Mapping[int, Vec3]
+    ) -> bytes:
+        """The frame of a beacon; `places_ned_m`: of all vehicles, by id."""
+        insider = self.find_insider(sender)
+        return (
+            frame if insider is None else self._seal(frame, insider.rewrite_beacon(frame, fields, now_s, places_ned_m))
+        )
+
+    def rewrite_report(self, sender: int, frame: bytes, report: RelativeReport, now_s: float) -> bytes:
+        """The frame of the SWARM_RELATIVE that goes with it."""
+        insider = self.find_insider(sender)
+        return frame if insider is None else self._seal(frame, insider.rewrite_report(frame, report, now_s))
+
+    def rewrite_proof(self, sender: int, frame: bytes) -> bytes:
+        """The manifest behind them: it names what was sent, also just after the lies are over."""
+        resealer = self._resealers.get(sender)
+        return frame if resealer is None else resealer.reprove(frame)
+
+    def _seal(self, frame: bytes, lie: bytes) -> bytes:
+        """A lie that its sender has signed, where the frame was signed."""
+        sender = frame[5]
+        session = self._sessions.get(sender)
+        if lie == frame or session is None:
+            return lie
+        resealer = self._resealers.get(sender)
+        if resealer is None or resealer.session is not session:
+            resealer = self._resealers[sender] = Resealer(session)
+        return resealer.reseal(frame, lie)

@@ -37,13 +37,13 @@ class Transmitter:
         """A datagram from `sender`'s own socket; returns the valid beacons in it. KeyError: its radio has no place."""
         sent = []
         found = _Found()
-        insider = None if self._insiders is None else self._insiders.find_insider(sender)
+        insiders = self._insiders
         each = beacons(data, found.take_frame)
-        beside, behind = b"", b"".join(self._frames_of(sender, found.proofs))
+        beside, proofs = b"", self._frames_of(sender, found.proofs)
         for frame, word in found.words:
             if source(frame) == (sender, COMPONENT):
                 self.words[sender] = word
-                beside += frame if insider is None else insider.rewrite_report(frame, word, now_s)
+                beside += frame if insiders is None else insiders.rewrite_report(sender, frame, word, now_s)
             else:
                 self.refused += 1
         for system, frame, beacon in each:
@@ -53,15 +53,25 @@ class Transmitter:
             self.said[sender], self.said_s[sender] = beacon, now_s
             self._radio.set_range(sender, beacon.range_dm / 10.0)
             told = frame
-            if insider is not None:
-                told = insider.rewrite_beacon(frame, beacon, now_s, self._radio.positions)
-            self._radio.send(sender, beside + told + behind, now_s)
-            beside = behind = b""
+            if insiders is not None:
+                told = insiders.rewrite_beacon(sender, frame, beacon, now_s, self._radio.positions)
+            self._radio.send(sender, beside + told + self._proof(sender, proofs), now_s)
+            beside, proofs = b"", []
             sent.append(frame)
-        for frame in (behind, *self._frames_of(sender, found.orders), *self._frames_of(sender, found.records)):
+        for frame in (
+            self._proof(sender, proofs),
+            *self._frames_of(sender, found.orders),
+            *self._frames_of(sender, found.records),
+        ):
             if frame:
                 self._radio.send(sender, frame, now_s, aside=True)
         return tuple(sent)
+
+    def _proof(self, sender: int, frames: list[bytes]) -> bytes:
+        """Manifests as they are sent, once what they name is."""
+        if self._insiders is not None:
+            frames = [self._insiders.rewrite_proof(sender, frame) for frame in frames]
+        return b"".join(frames)
 
     def _frames_of(self, sender: int, frames: list[bytes]) -> list[bytes]:
         own = [frame for frame in frames if source(frame) == (sender, COMPONENT)]

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from mission.cli.main import EXIT_ENVIRONMENT
-from mission.common.own_addresses import reached_at
+from mission.common.network.own_addresses import reached_at
 from sim_bridge.drive.children import end as end_child
 from sim_bridge.drive.children import start
 from sim_bridge.drive.links.ports import LOOPBACK, Address

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -13,7 +14,7 @@ from companion.keys.key_file import render_keyring
 from companion.keys.keyring import OPERATOR, Keyring
 from companion.mavlink.orders.book import OrderBook
 from companion.mavlink.peers.guard import SignedGuard
-from companion.mavlink.peers.session import BASE_ID, OPERATOR_ID, open_session
+from companion.mavlink.peers.session import BASE_ID, OPERATOR_ID, Session, open_session
 from mission.common.durable_files import replace_file
 from mission.document.load import dump_mission
 from mission.document.model import Mission
@@ -41,6 +42,7 @@ class FleetKeys:
         self._digest: Final = hashlib.sha256(dump_mission(mission).encode()).digest()  # of the file in the run folder
         self._starts: Final = dict[int, int]()
         self._size: Final = mission.swarm.size
+        self.sessions: Final = dict[int, Session]()  # by node, of its last start
         self.disks: Final = {k: OrderDisk() for k in range(1, mission.swarm.size + 1)}
         owners = range(1, mission.swarm.size + 1)
         self._vehicles: Final = {k: public_key(self._draw("seed", k)) for k in owners}
@@ -62,7 +64,8 @@ class FleetKeys:
         """Of the next start of a vehicle's companion, or of the base station."""
         self._starts[node] = self._starts.get(node, 0) + 1
         owner = OPERATOR if node in (BASE_ID, OPERATOR_ID) else node
-        return SignedGuard(open_session(self.keyring(owner), node, self._digest, self._boot(node)))
+        self.sessions[node] = open_session(self.keyring(owner), node, self._digest, self._boot(node))
+        return SignedGuard(self.sessions[node])
 
     def orders(self, vehicle: int) -> OrderBook:
         """Of the start for which `guard` was called last."""
@@ -94,3 +97,11 @@ class FleetKeys:
 
     def _draw(self, what: str, owner: int) -> bytes:
         return hashlib.sha256(f"understory simulated fleet: {self._seed}, {what}, {owner}".encode()).digest()
+
+
+def key_files(keys: FleetKeys | None, folder: Path) -> Callable[[int], Path | None]:
+    """The files of companions that are processes: written, and where they are. OSError."""
+    if keys is None:
+        return lambda _vehicle_id: None
+    keys.write_files(folder)
+    return lambda vehicle_id: folder / file_name(vehicle_id)

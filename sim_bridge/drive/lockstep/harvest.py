@@ -17,6 +17,7 @@ from companion.records.node import open_base, open_records
 from companion.records.record import BASE_ID, LogKey, RecordKind
 from companion.records.store import Batch, RecordStore, StoreError, Written
 from companion.records.write_queue import DirectWriter
+from companion.stand.summarise import DirectFusion
 from mission.common.frames import Vec3, enu_to_ned
 from mission.document.model import Mission
 from mission.stand.stand import Stand
@@ -124,6 +125,7 @@ class Harvest:
             path,
             self._draw,
             writer=lambda store: self._disk(vehicle_id, store),
+            fusion=lambda store: DirectFusion(store, self._mission),
             is_synced=False,
         )
         return link

@@ -11,7 +11,7 @@ Telemetry may be late; the request is no telemetry and never is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from types import MappingProxyType
 from typing import Protocol
 
@@ -24,8 +24,10 @@ from companion.mavlink.peers.guard import Guard
 from companion.sensors.table import sensors_of
 from companion.survey.of_mission import survey_of
 from mission.document.model import Mission
+from mission.schema.kinds import Lie
 from sim_bridge.drive.links.inbox import Inbox
 from sim_bridge.drive.links.insider import Insiders
+from sim_bridge.drive.links.outsider import Outsider
 from sim_bridge.drive.links.radio_node import RadioNode
 from sim_bridge.drive.links.transmitter import Transmitter
 from sim_bridge.drive.ticks import world_tick
@@ -165,8 +167,18 @@ class Lockstep:
         self.from_companion: dict[int, bytes] = {}
         self.beacons: dict[int, tuple[bytes, ...]] = {}
         self.insiders = Insiders(world.mission)
+        self._outsider: Outsider | None = None  # none before it begins
         self.transmitter = Transmitter(world.radio, self.insiders)
         self.last = self._emit()
+
+    def set_attackers(self, lies: Mapping[int, Lie], beside: Collection[int]) -> None:
+        """Set the lie of each insider, by id, and the vehicles beside which radios without keys send, from now on."""
+        self.insiders.set_lies(lies)
+        if beside and self._outsider is None:
+            self._outsider = Outsider(self.world.mission, self.world.radio)
+            self._nodes.append(self._outsider)
+        if self._outsider is not None:
+            self._outsider.beside = min(beside, default=0)
 
     def tick(self, meanwhile: Callable[[], None] = lambda: None) -> None:
         """One agents' tick and TICK_S of the world.

@@ -350,9 +350,9 @@ def _speaker(data: bytes) -> int | None:
 
 
 def _answers_timesync(data: bytes, time_ns: int) -> bool:
-    for start, end, message_id in whole(data):
+    for start, _, message_id in whole(data):
         if message_id == dialect.MAVLINK_MSG_ID_TIMESYNC:
-            payload = data[start + 10 : end - 2].ljust(_TIMESYNC.size, b"\0")
+            payload = data[start + 10 : start + 10 + data[start + 1]].ljust(_TIMESYNC.size, b"\0")
             if _TIMESYNC.unpack_from(payload)[1] == time_ns:
                 return True
     return False

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mission.common import own_addresses
+from mission.common.network import own_addresses
 from mission.document.model import Mission, Personality
 from sim_bridge.drive.links.hub import place
 from sim_bridge.drive.links.ports import LOOPBACK, Address

@@ -7,7 +7,7 @@ from typing import Any
 
 from websockets.asyncio.server import ServerConnection
 
-from mission.common.connections import Connections
+from mission.common.network.connections import Connections
 
 
 def bounded(table: Connections[ServerConnection]) -> type[ServerConnection]:

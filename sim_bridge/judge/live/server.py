@@ -16,7 +16,7 @@ from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-from mission.common.connections import Connections
+from mission.common.network.connections import Connections
 from sim_bridge.judge.live import guests, wire
 from sim_bridge.judge.live.admission import bounded
 from sim_bridge.judge.live.viewer import Viewer

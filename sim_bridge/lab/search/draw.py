@@ -17,6 +17,8 @@ from mission.document.model import Mission
 from mission.schema.conflict import ConflictError
 from mission.schema.fault_kinds import FORMS, PARAMETERS, Needs
 from mission.schema.kinds import RAW_LIDARS, FaultKind, SensorClass
+from sim_bridge.lab.search.attackers import ATTACKED_SHARE, ATTACKERS, draw_attack, draw_signed
+from sim_bridge.lab.search.attackers import SALT as ATTACKERS_SALT
 from sim_bridge.world.world import DEFAULT_ORIGIN
 
 SALT: Final = 0x5EA7C4
@@ -35,8 +37,9 @@ ODOMETRY_SHARE: Final = 0.7  # of missions with an obstacle sensor: the autopilo
 LAYERED_SHARE: Final = 0.8  # of missions with a range finder and an obstacle sensor: `mission check` asks for layers
 
 # Of what a seed draws: 2 has the faults of satellites, motors and sensors, 3 pilots, 4 raw scans and range finders,
-# 5 layers of height, 6 odometry for the autopilot, and no crowns where a height by a barometer may be
-VERSION: Final = 6
+# 5 layers of height, 6 odometry for the autopilot, and no crowns where a height by a barometer may be, 7 an attacker in
+# half of the flights, and keys in half: without attackers it is what 6 draws
+VERSION: Final = 7
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +52,8 @@ class _Row:
     downs: bool = False
 
 
-# Without disk-full: companions of a search are no processes, and write to no disk.
+# Without disk-full: companions of a search are no processes, and write to no disk. What spoofs more than this, and who
+# lies, is an attacker's.
 DRAWN: Final = {
     FaultKind.KILL: _Row(downs=True),
     FaultKind.RESTART: _Row(for_s=(0.5, 20.0)),
@@ -79,17 +83,26 @@ class Drawn:
 
     mission: Mission
     refused: int
+    signed: bool = False  # its radio has keys
+    attacker: str = ""  # insider, outsider or spoofer: its last fault is theirs; empty: there is none
 
 
-def draw(seed: int) -> Drawn:
-    """The mission of this seed, which is also its sim.seed. DrawError."""
+def draw(seed: int, attacked_share: float = ATTACKED_SHARE) -> Drawn:
+    """The mission of this seed, which is also its sim.seed. DrawError. `attacked_share`: of seeds with an attacker."""
     for tried in range(MOST_TRIES):
         tables = _tables(np.random.default_rng([SALT, seed, tried]), seed)
+        rng = np.random.default_rng([ATTACKERS_SALT, seed, tried])
+        signed = draw_signed(rng)
+        attacker = ""
+        if rng.random() < attacked_share:
+            attack = draw_attack(rng, tables, signed=signed)
+            tables["sim"]["faults"].append(attack)
+            attacker = ATTACKERS[FaultKind(attack["kind"])]
         try:
             mission = Mission.model_validate(tables)
             simulator.check(mission, f"seed {seed}")
             if not find_lacking_room(mission):
-                return Drawn(mission, tried)
+                return Drawn(mission, tried, signed, attacker)
         except (ValueError, ConflictError, MissionError):
             continue
     raise DrawError(f"seed {seed}: none of {MOST_TRIES} random missions is possible")

@@ -11,10 +11,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from mission.document.model import Mission
+from mission.schema.faults import Fault
 from sim_bridge.drive import fly
 from sim_bridge.drive.entrant.stages import BY_OURS, Entrant
+from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.verdict import BAD_FIRST, Grade
 from sim_bridge.judge.verdict import CAUSES as VERDICT_CAUSES
+from sim_bridge.lab.search.draw import VERSION
 from sim_bridge.lab.search.invariants import INVARIANTS
 from sim_bridge.lab.study.backends.agents import fly_stack
 from sim_bridge.lab.study.case import Backend, Case
@@ -34,19 +37,28 @@ class SearchCase(Case):
 
     mission: Mission
     entrant: Entrant = BY_OURS
+    signed: bool = False
+    attacker: str = ""  # see `Drawn`
 
 
 def fly_cases(cases: Sequence[SearchCase]) -> Done:
     """The job of a worker: its flights, to rows."""
     cpu_s, wall_s = time.process_time(), time.perf_counter()
     rows = tuple(
-        fly_to_row(case.mission, on_jsbsim=case.backend is Backend.JSBSIM, entrant=case.entrant) for case in cases
+        {"version": VERSION, "signed": case.signed, "attacker": case.attacker}
+        | fly_to_row(case.mission, on_jsbsim=case.backend is Backend.JSBSIM, entrant=case.entrant, signed=case.signed)
+        for case in cases
     )
     return Done(rows, time.process_time() - cpu_s, time.perf_counter() - wall_s)
 
 
 def fly_to_row(
-    mission: Mission, *, on_jsbsim: bool, folder: Path | None = None, entrant: Entrant = BY_OURS
+    mission: Mission,
+    *,
+    on_jsbsim: bool,
+    folder: Path | None = None,
+    entrant: Entrant = BY_OURS,
+    signed: bool = False,
 ) -> dict[str, Any]:
     """Grade, causes and figures. An error of the program is a finding: UNSAFE, with its last line."""
     invariants = [invariant(mission) for invariant in INVARIANTS]
@@ -56,11 +68,11 @@ def fly_to_row(
         for invariant in invariants:
             invariant.check_flight(flight)
         happened.clear()
-        happened.update(event.kind.value for event in flight.faults.happened)
+        happened.update(_name(event) for event in flight.faults.happened)
 
-    asked = [fault.kind.value for fault in mission.sim.faults]
+    asked = [_name(fault) for fault in mission.sim.faults]
     try:
-        outcome = fly_stack(mission, folder, on_jsbsim=on_jsbsim, watch=watch, entrant=entrant)
+        outcome = fly_stack(mission, folder, on_jsbsim=on_jsbsim, watch=watch, entrant=entrant, signed=signed)
     except Exception as error:  # noqa: BLE001 - whatever it is, it is what is looked for
         place = traceback.extract_tb(error.__traceback__)[-1]
         text = f"UNSAFE: {type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})"
@@ -74,3 +86,8 @@ def fly_to_row(
         causes = [broken.cause, *summary["causes"]] if first else [*summary["causes"], broken.cause]
         summary["grade"], summary["causes"] = grade.value, causes
     return summary | {"faults": dict(happened), "asked": asked}
+
+
+def _name(fault: Fault | FaultEvent) -> str:
+    """Of a kind; of an insider with its lie."""
+    return fault.kind.value if fault.lie is None else f"{fault.kind.value} {fault.lie.value}"

@@ -44,7 +44,8 @@ SAMPLED_S: Final = 1.0
 ALONE_S: Final = 5.0  # after its companion has ended a vehicle has braked, by its autopilot's failsafe
 ALONE_MPS: Final = 2.0
 ALONE_FOR_S: Final = 3.0  # a position that jumps back is flown to in less
-LOSSES: Final = (FaultKind.KILL, FaultKind.MOTOR, FaultKind.PILOT)  # nothing mends them: the others go on
+# Nothing mends these, and the others go on; what has no keys is to change nothing
+PASSED_BY: Final = (FaultKind.KILL, FaultKind.MOTOR, FaultKind.PILOT, FaultKind.OUTSIDER)
 
 
 class Invariant(ABC):
@@ -213,7 +214,7 @@ def _on_the_way(tick: Tick) -> list[int]:
 def _struck(flight: Flight, now_s: float) -> bool:
     """A fault that can end is in force."""
     return any(
-        event.kind not in LOSSES and (event.until_s is None or event.until_s > now_s)
+        event.kind not in PASSED_BY and (event.until_s is None or event.until_s > now_s)
         for event in flight.faults.happened
     )
 

@@ -9,6 +9,7 @@ import signal
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -22,6 +23,7 @@ from sim_bridge.drive.entrant.stages import Entrant
 from sim_bridge.judge.progress import Progress as Signs
 from sim_bridge.judge.verdict import Grade
 from sim_bridge.lab.search import summary
+from sim_bridge.lab.search.attackers import ATTACKED_SHARE
 from sim_bridge.lab.search.draw import VERSION, draw
 from sim_bridge.lab.search.flight import SearchCase, fly_cases
 from sim_bridge.lab.search.shrink import shrink
@@ -98,24 +100,25 @@ def _campaign(args: argparse.Namespace, entrant: Entrant, folder: Path, errors: 
             if args.hours is not None and time.monotonic() - began_s > 3600.0 * args.hours:
                 break
             end = seed + ROUND if total is None or args.hours is not None else args.seed + total
-            cases = [_case(one, BACKENDS[args.backend], entrant) for one in range(seed, end)]
+            cases = [_case(one, BACKENDS[args.backend], entrant, args.attackers) for one in range(seed, end)]
             found |= {case.key: rows.rows[case.key] for case in cases if case.key in rows.rows}
             engine.run(cases, rows, fly, noted)
             seed = end
     return sorted(found.values(), key=lambda row: int(row["seed"]))
 
 
-def _case(seed: int, backend: Backend, entrant: Entrant) -> SearchCase:
-    mission = draw(seed).mission
-    text = f"{VERSION}{backend.value}{dump_mission(mission)}"
+def _case(seed: int, backend: Backend, entrant: Entrant, attacked_share: float) -> SearchCase:
+    drawn = draw(seed, attacked_share)
+    mission = drawn.mission
+    text = f"{VERSION}{backend.value}{'signed' * drawn.signed}{dump_mission(mission)}"
     if not entrant.is_ours:
         text += entrant.note()
     satellites = "only the leader has GNSS" if mission.flies_by_ranges else "satellites"
     place = "trees" if mission.forest.stand is not None else "open"
     key = hashlib.sha256(text.encode()).hexdigest()[:16]
-    return SearchCase(
-        key, f"{place}, {satellites}", entrant.name, backend, mission.swarm.size, seed, {}, mission, entrant
-    )
+    run = f"{place}, {satellites}"
+    case = SearchCase(key, run, entrant.name, backend, mission.swarm.size, seed, {}, mission, entrant)
+    return replace(case, signed=drawn.signed, attacker=drawn.attacker)
 
 
 @contextmanager
@@ -130,25 +133,34 @@ def _workers(args: argparse.Namespace, errors: Console) -> Iterator[engine.Fly]:
 
 def _shrink(row: engine.Row, args: argparse.Namespace, entrant: Entrant, folder: Path, errors: Console) -> None:
     """Write the mission that was flown, and the smallest that was found to fail in the same way."""
-    mission = draw(row["seed"]).mission
+    drawn = draw(row["seed"], args.attackers)
 
     def print_progress(text: str) -> None:
         errors.print(f"  {text}", soft_wrap=True, highlight=False, markup=False)
 
     errors.print(f"shrinking seed {row['seed']}: {row['causes'][0]}", highlight=False)
     on_jsbsim = args.backend == "jsbsim"
-    small = shrink(mission, row["causes"][0], on_jsbsim=on_jsbsim, entrant=entrant, report_progress=print_progress)
-    for name, one in ((f"{row['seed']}.toml", mission), (f"{row['seed']}-shrunk.toml", small)):
-        _write(folder / name, one)
+    small, signed = shrink(
+        drawn.mission,
+        row["causes"][0],
+        on_jsbsim=on_jsbsim,
+        entrant=entrant,
+        signed=drawn.signed,
+        report_progress=print_progress,
+    )
+    _write(folder / f"{row['seed']}.toml", drawn.mission, signed=drawn.signed)
+    _write(folder / f"{row['seed']}-shrunk.toml", small, signed=signed)
 
 
-def _write(file: Path, mission: Mission) -> None:
-    file.write_text(dump_mission(mission), encoding="utf-8")
+def _write(file: Path, mission: Mission, *, signed: bool) -> None:
+    """With how it was flown, where that is not in the mission."""
+    file.write_text("# signed: true\n" * signed + dump_mission(mission), encoding="utf-8")
 
 
 def _replay(args: argparse.Namespace, seed: int) -> str:
     law = "" if args.law is None else f" --law {args.law}"
-    flown = f"--backend {args.backend}{law} --seed {seed}"
+    share = "" if args.attackers == ATTACKED_SHARE else f" --attackers {args.attackers:g}"
+    flown = f"--backend {args.backend}{law}{share} --seed {seed}"
     return f"sim-bridge search {flown} --flights 1 --shrink 1 --out runs/search-{seed}"
 
 

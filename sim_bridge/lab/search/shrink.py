@@ -3,15 +3,27 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, Final
+
+import numpy as np
 
 from mission.document.model import Mission
+from mission.schema.fault_kinds import FORMS, PARAMETERS, Lasts
 from mission.schema.faults import within
+from mission.schema.kinds import FaultKind, Lie
 from sim_bridge.drive.entrant.stages import BY_OURS, Entrant
+from sim_bridge.lab.search.attackers import SPOOFS
 from sim_bridge.lab.search.flight import fly_to_row
 
 Tables = dict[str, Any]
+
+PLAIN_LIE: Final = Lie.OFFSET.value
+PLAIN_SPOOF: Final = FaultKind.POSITION_FREEZE  # it has no numbers
+LONG_S: Final = 40.0  # of a fault that had no end
+SHORT_S: Final = 2.0  # it is not tried shorter
+SMALL: Final = 0.04  # m or m/s, which no number of a fault is tried below
 
 PLAIN: dict[str, Any] = {  # keys of [sim] with the value that hides nothing
     "turbulence_mps": 0.0,
@@ -35,27 +47,30 @@ def shrink(
     on_jsbsim: bool,
     most_flights: int = 60,
     entrant: Entrant = BY_OURS,
+    signed: bool = False,
     report_progress: Callable[[str], None] = lambda _: None,
-) -> Mission:
-    """The smallest that was found within `most_flights`, and still fails by `cause` first."""
+) -> tuple[Mission, bool]:
+    """The smallest that was found within `most_flights`, and still fails by `cause` first; whether it is signed."""
     left = most_flights
     changed = True
     while changed and left > 0:
         changed = False
-        for what, smaller in _smaller(mission):
+        for what, smaller, with_keys in _smaller(mission, signed=signed):
             if left <= 0:
                 break
             left -= 1
-            row = fly_to_row(smaller, on_jsbsim=on_jsbsim, entrant=entrant)
+            row = fly_to_row(smaller, on_jsbsim=on_jsbsim, entrant=entrant, signed=with_keys)
             if row["causes"][:1] == [cause]:
                 report_progress(f"{what}: still {row['verdict']}")
-                mission, changed = smaller, True
+                mission, signed, changed = smaller, with_keys, True
                 break
-    return mission
+    return mission, signed
 
 
-def _smaller(mission: Mission) -> Iterator[tuple[str, Mission]]:
-    """Possible missions with one thing less, the greatest steps first."""
+def _smaller(mission: Mission, *, signed: bool) -> Iterator[tuple[str, Mission, bool]]:
+    """Possible missions with one thing less, the greatest steps first; with keys, or without."""
+    if signed and not any(fault.kind is FaultKind.OUTSIDER for fault in mission.sim.faults):
+        yield "unsigned", mission, False  # what an outsider does to an unsigned swarm is no finding
     whole = mission.model_dump(mode="json", by_alias=True)
     for what, tables in _steps(whole, mission):
         try:
@@ -63,7 +78,7 @@ def _smaller(mission: Mission) -> Iterator[tuple[str, Mission]]:
         except ValueError:
             continue
         if found != mission:
-            yield what, found
+            yield what, found, signed
 
 
 def _steps(whole: Tables, mission: Mission) -> Iterator[tuple[str, Tables]]:
@@ -94,6 +109,36 @@ def _steps(whole: Tables, mission: Mission) -> Iterator[tuple[str, Tables]]:
     for key, plain in PLAIN.items():
         if whole["sim"][key] != plain:
             yield f"sim.{key} = {plain}", _with(whole, "sim", key, plain)
+    for k, fault in enumerate(_faults(whole)):
+        for what, smaller in _lesser(fault):
+            yield (
+                f"fault {k + 1} {what}",
+                _with(whole, "sim", "faults", [*_faults(whole)[:k], smaller, *_faults(whole)[k + 1 :]]),
+            )
+
+
+def _lesser(fault: Tables) -> Iterator[tuple[str, Tables]]:
+    """A fault that is plainer, begins earlier, ends earlier, strikes fewer, or is half as great."""
+    kind = FaultKind(fault["kind"])
+    if fault["lie"] is not None:
+        yield f"tells {PLAIN_LIE}", {**fault, "lie": PLAIN_LIE}
+    if kind in SPOOFS and kind != PLAIN_SPOOF:
+        plain = {name: None for name in FORMS[kind].parameters}
+        yield f"is {PLAIN_SPOOF.value}", {**fault, **plain, "kind": PLAIN_SPOOF.value}
+    vehicles = fault["vehicles"] or ()
+    for k in vehicles if len(vehicles) > 1 else ():
+        yield f"without {k}", {**fault, "vehicles": [j for j in vehicles if j != k]}
+    if fault["at_s"] > 0.0:
+        yield "at once", {**fault, "at_s": 0.0}
+    lasts = FORMS[kind].lasts
+    if lasts is not Lasts.NEVER and (fault["for_s"] or math.inf) > SHORT_S:
+        for_s = LONG_S if fault["for_s"] is None else round(fault["for_s"] / 2.0, 1)
+        yield f"for {for_s:g} s", {**fault, "for_s": for_s}
+    for name in FORMS[kind].parameters:
+        value = fault[name]
+        halved = [round(one / 2.0, 2) for one in value] if PARAMETERS[name].level else round(value / 2.0, 2)
+        if np.any(np.abs(halved) > SMALL):
+            yield f"{name} = {halved}", {**fault, name: halved}
 
 
 def _of_size(whole: Tables, mission: Mission, size: int) -> Tables:

@@ -49,6 +49,8 @@ def _groups(rows: Sequence[Row]) -> Iterator[tuple[str, list[Row]]]:
     yield "all", list(rows)
     for run in sorted({row["run"] for row in rows}):
         yield run, [row for row in rows if row["run"] == run]
+    for attacker in sorted({row.get("attacker", "") for row in rows}):
+        yield attacker or "no attacker", [row for row in rows if row.get("attacker", "") == attacker]
     for count in sorted({len(row.get("asked", ())) for row in rows}):
         group = [row for row in rows if len(row.get("asked", ())) == count]
         yield f"{count} fault{'s' * (count != 1)} asked for", group

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from typing import Any, Final
 
 from companion.mavlink import dialect as mav
@@ -18,6 +17,7 @@ from sim_bridge.world.autopilot import commands, status, telemetry
 from sim_bridge.world.autopilot.estimates.gnss_faults import FaultyGnss
 from sim_bridge.world.autopilot.fence import Fence
 from sim_bridge.world.autopilot.gnss_telemetry import failing_builders
+from sim_bridge.world.autopilot.protocols.channel import Channel, continue_parameters, set_up_signing
 from sim_bridge.world.autopilot.protocols.links import (
     AUTOPILOT_COMPONENT,
     NO_TARGET,
@@ -36,7 +36,6 @@ from sim_bridge.world.autopilot.status import Firmware
 from sim_bridge.world.autopilot.telemetry import Builder, Readings
 from sim_bridge.world.autopilot.types import FlightLogic, Notice, Result, Satellites, Snapshot, StreamProfile
 
-PARAMETERS_PER_TRANSMIT: Final = 16  # autopilots spread a list out; so do we
 # ArduCopter's crash check waits as long; PX4's failure detector has this angle (FD_FAIL_R, FD_FAIL_P), and leaves the
 # rest to a pilot's kill switch, which nobody has here
 CRASHED_RAD: Final = math.radians(60.0)
@@ -47,16 +46,6 @@ _COMPANION_NEWS = frozenset(  # what a companion says to all and a ground statio
 )
 
 PROFILES: Mapping[Link, StreamProfile] = {Link.ONBOARD: StreamProfile.ONBOARD, Link.GROUND: StreamProfile.GROUND}
-
-
-@dataclass(slots=True)
-class Channel:
-    """One link's state."""
-
-    link: Link
-    port: Port
-    streams: StreamTable
-    next_parameter: int | None = None  # of a PARAM_REQUEST_LIST under way
 
 
 MessageHandler = Callable[[Channel, Incoming, float], None]
@@ -123,6 +112,7 @@ class MavlinkAutopilot:
             mav.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: self._on_param_list,
             mav.MAVLINK_MSG_ID_PARAM_REQUEST_READ: self._on_param_read,
             mav.MAVLINK_MSG_ID_PARAM_SET: self._on_param_set,
+            mav.MAVLINK_MSG_ID_SETUP_SIGNING: self._on_setup_signing,
         }
         self._plans = Plans(frame, self._take_fence)
         self._handlers |= dict.fromkeys(self._plans.message_ids, self._on_plan)
@@ -181,7 +171,7 @@ class MavlinkAutopilot:
         now_us = microseconds(now_s)
         self._plans.retry(now_s)
         if channel.next_parameter is not None:
-            self._continue_param_list(channel)
+            continue_parameters(channel, self.parameters)
         if self._logic.notices and link in self.TEXT_LINKS:
             self._send_notices()
         due = channel.streams.due(now_us)
@@ -355,19 +345,16 @@ class MavlinkAutopilot:
         del readings
         return status.autopilot_version(self.FIRMWARE, self.sysid)
 
+    def _on_setup_signing(self, channel: Channel, incoming: Incoming, now_s: float) -> None:
+        """Not acknowledged; one that comes without the key, where there is one, does not get here."""
+        del channel, now_s
+        set_up_signing(self._channels.values(), incoming.message)
+
     # Parameters
 
     def _on_param_list(self, channel: Channel, incoming: Incoming, now_s: float) -> None:
         del incoming, now_s
         channel.next_parameter = 0
-
-    def _continue_param_list(self, channel: Channel) -> None:
-        first = channel.next_parameter or 0
-        names = self.parameters.names[first : first + PARAMETERS_PER_TRANSMIT]
-        for name in names:
-            channel.port.send(self.parameters.message(name))
-        after = first + len(names)
-        channel.next_parameter = after if after < len(self.parameters.names) else None
 
     def _on_param_read(self, channel: Channel, incoming: Incoming, now_s: float) -> None:
         """Silent about a parameter that there is not."""

@@ -286,6 +286,13 @@ def test_the_worst_that_happened_is_the_grade(changes: dict[str, Any], grade: Gr
         ({"coverage_gap_deg": 90.0, "uncovering": (2, 3)}, [a_fault(FaultKind.MOTOR, 2)], Grade.INCOMPLETE),
         ({"coverage_gap_deg": 90.0}, [killed(2, at_s=110.0)], Grade.DEGRADED),  # the gap was just torn
         ({"contacts": 1}, [a_fault(FaultKind.BLIND, 2)], Grade.UNSAFE),  # no fault excuses a contact
+        (BEHIND, [a_fault(FaultKind.INSIDER, 3)], Grade.DEGRADED),  # what is done by a lie need not be undone
+        ({"contacts": 1}, [a_fault(FaultKind.INSIDER, 3)], Grade.UNSAFE),
+        (
+            BEHIND,
+            [a_fault(FaultKind.OUTSIDER, 2, until_s=None)],
+            Grade.INCOMPLETE,
+        ),  # it has no key: it is to do nothing
     ],
 )
 def test_faults_excuse_those_that_they_struck_and_no_danger(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import subprocess
@@ -12,6 +13,7 @@ import pytest
 
 from companion import cli
 from companion.keys import command
+from companion.keys.autopilot_link import link_key, link_passphrase
 from companion.keys.fleet_folder import change_fleet, file_name
 from companion.keys.key_file import load_keyring
 from companion.keys.keyring import OPERATOR
@@ -173,3 +175,26 @@ def test_program_cannot_be_dumped_while_it_holds_keys(tmp_path: Path) -> None:
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path, check=True)
     assert done.stdout.splitlines()[-1] == "0 0 0"
+
+
+def test_passphrase_of_an_autopilots_link_goes_to_a_file_alone(
+    fleet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "autopilot-3.passphrase"
+    told = said(capsys, fleet, "autopilot", "fleet/vehicle-3.key", "--out", str(out))
+    phrase = out.read_text().strip()
+    keyring = load_keyring(fleet / "vehicle-3.key", 3)
+    assert re.fullmatch("[A-Z2-7]{32}", phrase)
+    assert phrase not in told
+    assert out.stat().st_mode & 0o777 == 0o600
+    assert link_key(keyring) == hashlib.sha256(phrase.encode()).digest()  # as ground stations make it
+    assert not [part for part in secret_texts(keyring) if part in phrase + link_key(keyring).hex()]
+    assert link_passphrase(load_keyring(fleet / "vehicle-2.key", 2)) != phrase
+    assert "must be a vehicle" in said(capsys, fleet, "autopilot", "fleet/operator.key", "--out", str(out), code=2)
+    assert out.read_text().strip() == phrase
+
+
+def test_passphrase_outlives_a_rotation_of_the_swarms_secret(fleet: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = link_passphrase(load_keyring(fleet / "vehicle-3.key", 3))
+    said(capsys, fleet, "rotate", "fleet", "--finish")
+    assert link_passphrase(load_keyring(fleet / "vehicle-3.key", 3)) == before

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from companion.core.model.actions import Say
-from companion.core.model.states import Severity
+from companion.core.model.states import Severity, SwarmPhase
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.framing import wire
+from companion.mavlink.harvest import StandUpdate
 from companion.records.frames import RECORD_ID, encode_record, is_record_frame, read_record
 from companion.records.record import Record, RecordKind
 from tests.unit.core.core_kit import mission
@@ -25,6 +26,8 @@ class Noted:
         self.times_s: set[float] = set()
         self.beacon_bytes: list[int] = []
         self.to_say: list[str] = []
+        self.stand: StandUpdate | None = None
+        self.led: set[bool] = set()
 
     def append(self, kind: int, body: bytes, now_s: float) -> None:
         self.appended.append((kind, body, now_s))
@@ -43,6 +46,12 @@ class Noted:
         self.times_s.add(now_s)
         self.beacon_bytes.append(beacon_bytes)
         return [(RECORD_ID, PAYLOAD)]
+
+    def take_stand(self, *, leads: bool, now_s: float) -> StandUpdate | None:
+        self.times_s.add(now_s)
+        self.led.add(leads)
+        stand, self.stand = self.stand, None
+        return stand
 
     def counters(self) -> dict[str, int]:
         return {}
@@ -105,3 +114,22 @@ def test_what_the_records_have_to_say_is_said_with_the_next_tick_once() -> None:
     said = [one.tick(10.0 + k * TICK_S).said for k in range(4)]
     wanted = Say(Severity.WARNING, "records: the disk takes them again")
     assert [wanted in texts for texts in said] == [False, True, False, False]
+
+
+def test_figures_of_the_stand_reach_the_agent_and_the_operator() -> None:
+    flown = mission(
+        sensing={"sensor": "scan-1deg"},
+        survey={"until": {"basal_area_pct": 10.0, "after_s": 5.0}},
+        route={"at_end": "land"},
+    )
+    noted = Noted()
+    one = Endpoint(flown, ME, records=noted)
+    one.from_autopilot(packed(HOME, position(), heartbeat()), 10.0)
+    noted.stand = StandUpdate(4, b"", 8.0, "38 stems; 23 +/- 2 m2/ha")
+    said = one.tick(10.0).said + one.tick(10.0 + TICK_S).said
+    assert Say(Severity.INFO, "stand: 38 stems; 23 +/- 2 m2/ha") in said
+    assert noted.led == {False}
+    phases = one.agent.swarm.phases
+    phases.adopt_phase(SwarmPhase.COVERAGE, 20.0)
+    assert not phases.decide_phase(0, to_goal_m=0.0, started=True, now_s=24.9)
+    assert phases.decide_phase(0, to_goal_m=0.0, started=True, now_s=25.1)

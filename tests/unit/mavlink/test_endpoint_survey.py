@@ -48,6 +48,9 @@ class Kept:
     def frames(self, _now_s: float, _beacon_bytes: int) -> list[tuple[int, bytes]]:
         return []
 
+    def take_stand(self, **_: object) -> None:
+        return None
+
     def lines(self) -> list[str]:
         return []
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+from typing import Any
 
 import pytest
 
 from companion.keys.crypto import Signer, Verifier, public_key
 from companion.mavlink import dialect
+from companion.mavlink.orders.desk import SignedOrders
 from companion.mavlink.orders.order import (
     ORDER_ID,
     OrderKind,
@@ -18,6 +20,7 @@ from companion.mavlink.orders.order import (
     pack_boots,
     read_order,
 )
+from companion.mavlink.orders.repeats import SLACK_S, Repeats
 from tests.unit.mavlink.orders_kit import BOOTS, FLIGHT, OPERATOR_SEED, VEHICLE_SEED, frame, order
 
 OPERATOR = Verifier(public_key(OPERATOR_SEED))
@@ -98,3 +101,34 @@ def test_order_is_the_same_bytes_as_in_every_later_release() -> None:
     """Another layout, or another signed part, is not understood by companions in the field."""
     assert hashlib.sha256(order(OrderKind.START, 5)).hexdigest()[:32] == "d91bd773fc8912216264edb46be02a74"
     assert (ORDER_ID, dialect.MAVLink_swarm_order_message.crc_extra) == (52106, 87)
+
+
+class Kept:
+    """A book that keeps what it is handed."""
+
+    def __init__(self) -> None:
+        self.calls: list[tuple[bytes, float, bool]] = []
+
+    def receive(self, frame: bytes, now_s: float, *, is_proven: bool = False) -> bool:
+        self.calls.append((frame, now_s, is_proven))
+        return True
+
+
+@pytest.mark.sources
+@pytest.mark.parametrize("is_proven", [True, False])
+def test_desk_hands_frames_to_the_book_with_the_links_word(*, is_proven: bool) -> None:
+    book: Any = Kept()
+    assert SignedOrders(book).receive(b"frame", 7.0, is_proven=is_proven)
+    assert book.calls == [(b"frame", 7.0, is_proven)]
+
+
+def test_an_order_is_sent_twice_a_tick_then_with_each_period_then_once_a_second() -> None:
+    repeats = Repeats(10.0)
+    sent = [(k, repeats.copies(10.0 + 0.05 * k)) for k in range(121)]
+    assert [copies for k, copies in sent if k < 10] == [2] * 10
+    assert [k for k, copies in sent if 10 <= k < 40 and copies] == list(range(11, 40, 2))
+    assert [copies for k, copies in sent if k >= 10 and copies] == [1] * len([k for k, c in sent if k >= 10 and c])
+    assert [k for k, copies in sent if k >= 40 and copies] == [59, 79, 99, 119]
+    anew = Repeats(late_period_s=5.0)
+    assert [anew.copies(0.0), anew.copies(4.0), anew.copies(5.0 - SLACK_S - 1e-6)] == [1, 0, 0]
+    assert anew.copies(5.0) == 1

@@ -23,9 +23,12 @@ vel_leader_mps = 2.0
 """
 
 
-def surveying(sensing: dict[str, Any] | None) -> Mission:
-    route = {"d1_enu_m": [0.0, 0.0, 4.0], "d2_enu_m": [100.0, 0.0, 4.0], "vel_leader_mps": 2.0}
-    return Mission.model_validate({"schema": 1, "route": route, "survey": {}, "sensing": sensing})
+def surveying(
+    sensing: dict[str, Any] | None, survey: dict[str, Any] | None = None, at_end: str = "hold", covers_s: float = 60.0
+) -> Mission:
+    route = {"d1_enu_m": [0.0, 0.0, 4.0], "d2_enu_m": [100.0, 0.0, 4.0], "vel_leader_mps": 2.0, "at_end": at_end}
+    tables = {"survey": survey or {}, "sensing": sensing, "coverage": {"duration_s": covers_s}}
+    return Mission.model_validate({"schema": 1, "route": route, **tables})
 
 
 def test_sectors_are_refused_since_they_tell_no_diameter() -> None:
@@ -80,3 +83,23 @@ def test_mission_check_says_where_stems_are_cut(
     file.write_text(FILE.format(sensing=sensing))
     assert check.run([str(file)], as_json=False) == 0
     assert said in capsys.readouterr().out
+
+
+UNTIL = {"until": {"basal_area_pct": 10.0}}
+
+
+def test_coverage_may_end_once_the_stand_is_known() -> None:
+    until = surveying(HANGING, UNTIL, at_end="return").survey
+    assert until is not None
+    assert until.until is not None
+    assert (until.until.confidence, until.until.after_s) == (0.95, 10.0)
+
+
+def test_a_mission_that_holds_has_no_until_which_would_never_count() -> None:
+    with pytest.raises(ValueError, match=r"route.at_end.*never ends coverage"):
+        surveying(HANGING, UNTIL)
+
+
+def test_until_needs_less_time_than_coverage_takes() -> None:
+    with pytest.raises(ValueError, match=r"survey.until.after_s = 10.0: must be less"):
+        surveying(HANGING, UNTIL, at_end="land", covers_s=10.0)

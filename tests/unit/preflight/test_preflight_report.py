@@ -40,6 +40,10 @@ def report(mission: Path, *checks: Check, **changes: Any) -> str:
     return str(path)
 
 
+def replace(check: Check, name: str) -> Check:
+    return check.model_copy(update={"name": name})
+
+
 def grounded(mission: Path, file: str | None, *waived: str) -> str:
     return clearance(file, waived, str(mission), 3, now_unix_s=NOW_S).grounded
 
@@ -62,6 +66,17 @@ def test_failed_checks_ground_until_each_is_waived_by_name(mission: Path) -> Non
     assert grounded(mission, file, "home", "battery") == "preflight failed: GF_ACTION"
     cleared = clearance(file, ("home", "battery", "GF_ACTION"), str(mission), 3, now_unix_s=NOW_S)
     assert (cleared.grounded, cleared.waived, cleared.unknown) == ("", ("GF_ACTION", "home"), "")
+
+
+def test_check_that_this_flight_needs_grounds_where_it_is_not_in_the_report(mission: Path) -> None:
+    def cleared(*checks: Check, waived: tuple[str, ...] = ()) -> str:
+        file, path = report(mission, *checks), str(mission)
+        return clearance(file, waived, path, 3, now_unix_s=NOW_S, needs=("signing",)).grounded
+
+    assert cleared(GOOD) == "preflight failed: signing"
+    assert cleared(GOOD, waived=("signing",)) == ""
+    assert cleared(GOOD, replace(GOOD, "signing")) == ""
+    assert cleared(GOOD, replace(BAD, "signing")) == "preflight failed: signing"
 
 
 def test_name_that_is_no_check_is_told_and_waives_nothing(mission: Path) -> None:

@@ -62,7 +62,7 @@ def test_a_wrong_checksum_or_another_message_is_none() -> None:
         (0, 1, 1, 0, 1, 0),  # no writer
         (0, 1, 1, 251, 1, 0),  # no vehicle's
         (0, 1, 1, 3, 0, 0),  # no kind
-        (0, 1, 1, 3, 4, 0),  # an unknown one
+        (0, 1, 1, 3, 5, 0),  # an unknown one
         (0, 1, 1, 3, 1, BODY_MAX + 1),  # longer than it is
     ],
 )

@@ -84,7 +84,9 @@ def test_what_was_submitted_is_written_before_the_end(tmp_path: Path) -> None:
 def test_records_of_a_real_vehicle_are_written_by_a_thread_that_ends_with_the_flight(tmp_path: Path) -> None:
     before = threading.active_count()
     with ExitStack() as opened:
-        records = records_of(surveying(), 1, tmp_path / "a.db", opened, beside_loop=True)
+        records = records_of(
+            surveying(), 1, tmp_path / "a.db", opened, mission_file=tmp_path / "m.toml", beside_loop=True
+        )
         assert threading.active_count() == before + 1
         records.append(RecordKind.STEM, b"x", 1.0)
         records.frames(1.0, 0)
@@ -95,7 +97,8 @@ def test_records_of_a_real_vehicle_are_written_by_a_thread_that_ends_with_the_fl
 
 def test_a_file_that_cannot_be_opened_is_said_and_the_companion_flies_on(tmp_path: Path) -> None:
     with ExitStack() as opened:
-        records = records_of(surveying(), 1, tmp_path / "none" / "a.db", opened, beside_loop=False)
+        path, file = tmp_path / "none" / "a.db", tmp_path / "m.toml"
+        records = records_of(surveying(), 1, path, opened, mission_file=file, beside_loop=False)
         assert records.lines() == ["records: unable to open database file: in memory"]
         records.append(RecordKind.STEM, b"x", 1.0)
         records.frames(1.0, 0)

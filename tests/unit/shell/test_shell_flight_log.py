@@ -17,6 +17,7 @@ from companion.core.model.events import Position
 from companion.core.model.states import FlightState, Severity
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint
+from companion.mavlink.framing.signing import Gate
 from companion.mavlink.packing import pack_ranges
 from companion.mavlink.sensor_inputs import SensorInputs
 from companion.sensors.table import sensors_of
@@ -113,6 +114,7 @@ def watched(
     endpoint: Any = SimpleNamespace(
         id=3,
         autopilot=SimpleNamespace(bad=0),
+        autopilot_gate=Gate(takes_signed=True),
         peers=SimpleNamespace(without_beacon=0, guard=SimpleNamespace(refused={})),
         orders=SimpleNamespace(counters=dict),
         codec=SimpleNamespace(dropped=0, other_versions=0),
@@ -336,7 +338,7 @@ def test_a_flood_is_told_to_the_operator_with_the_beacons_that_are_lost(
 def test_what_is_told_goes_to_the_operator_with_the_next_tick() -> None:
     endpoint = endpoint_of(mission())
     endpoint.tick(10.0)
-    endpoint.tell(Say(Severity.WARNING, "peers' link flooded: 4120 lost unread"))
+    endpoint.report_surroundings(Say(Severity.WARNING, "peers' link flooded: 4120 lost unread"))
     out = endpoint.tick(10.05)
     assert (4, "peers' link flooded: 4120 lost unread") in statustexts(out.autopilot)
     assert Say(Severity.WARNING, "peers' link flooded: 4120 lost unread") in out.said

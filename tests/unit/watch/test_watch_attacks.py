@@ -13,7 +13,7 @@ from itertools import cycle
 import pytest
 
 from companion.watch.server import STREAMS_MAX, Stream, WatchServer
-from mission.common.connections import (
+from mission.common.network.connections import (
     AGAIN_S,
     CONNECTIONS_MAX,
     HEAD_MAX_BYTES,

@@ -17,6 +17,9 @@ from companion.mavlink.own_messages import AIRBORNE, BEACON_PAYLOAD, encode_rela
 from companion.mavlink.relative import RELATIVE_ID
 from companion.mavlink.schema.tables.beacon import BEACON
 from companion.mavlink.schema.tables.measurements import RELATIVE
+from companion.records.frames import RECORD_ID, VECTOR_ID, encode_record, encode_vector
+from companion.records.record import BASE_ID, Entry, LogKey, Record, RecordKind, Vector
+from companion.records.summary import StandSummary, encode_summary
 from companion.watch.alarms import Alarm, alarms
 from companion.watch.heard import Heard, Picture, Told, Vehicle
 from mission.common.frames import LocalFrame, Wgs84
@@ -281,3 +284,34 @@ def test_captured_beacons_of_a_flight_show_what_pymavlink_reads_in_them_and_noth
     assert began_s[kind, which] == pytest.approx(28.0, abs=0.15)
     told = {key for vehicle in asdict(picture)["vehicles"] for key in vehicle}
     assert told == set(Vehicle.SOURCES)
+
+
+def record(sender: int, one: Record) -> bytes:
+    return frame(RECORD_ID, encode_record(one), sender)
+
+
+def vector(sender: int, *entries: Entry, epoch: int = 7, is_base: bool = False) -> bytes:
+    return frame(VECTOR_ID, encode_vector(Vector(epoch, 0, is_base, False, entries, 5)), sender)
+
+
+def test_progress_of_records_is_what_vectors_tell_and_the_stand_what_its_leader_does() -> None:
+    one = Heard()
+    assert one.harvest.text(0) == ""
+    one.receive_datagram(vector(2, Entry(LogKey(2, 9), 30, 30, 30, 10, 0), Entry(LogKey(3, 9), 5, 5, 5, 0, 0)), 0.0)
+    assert one.harvest.text(0) == "10 of 35 records delivered"
+    one.receive_datagram(vector(BASE_ID, Entry(LogKey(2, 9), 20, 20, 25, 20, 0b11), is_base=True), 1.0)
+    assert one.harvest.text(0) == "22 of 35 records delivered"
+    for number, (vehicle, stems, fused) in enumerate([(2, 38, 30), (3, 12, 20), (2, 7, 10)], start=31):
+        body = encode_summary(StandSummary(fused, stems, None, 0.95, None, None))
+        one.receive_datagram(record(1, Record(vehicle, 9, number, RecordKind.SUMMARY, 1.0, body)), 2.0)
+    assert one.harvest.text(3).endswith(" records delivered; 12 stems")
+    assert one.harvest.text(0).endswith("; 38 stems")  # the most records
+
+
+def test_a_new_base_station_has_nothing_and_another_that_says_it_is_one_counts_for_nothing() -> None:
+    one = Heard()
+    one.receive_datagram(vector(BASE_ID, Entry(LogKey(2, 9), 20, 20, 20, 20, 0), is_base=True), 0.0)
+    one.receive_datagram(vector(4, Entry(LogKey(2, 9), 99, 99, 99, 99, 0), is_base=True), 0.0)
+    assert one.harvest.text(0) == "20 of 20 records delivered"
+    one.receive_datagram(vector(BASE_ID, Entry(LogKey(2, 9), 3, 3, 3, 3, 0), epoch=8, is_base=True), 1.0)
+    assert one.harvest.text(0) == "3 of 20 records delivered"

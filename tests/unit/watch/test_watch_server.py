@@ -17,8 +17,8 @@ from companion.watch.address import PORT, address_of
 from companion.watch.charts import open_chart
 from companion.watch.server import Stream, WatchServer
 from companion.watch.udp_receiver import UdpReceiver
-from mission.common import own_addresses
-from mission.common.connections import CONNECTIONS_MAX
+from mission.common.network import own_addresses
+from mission.common.network.connections import CONNECTIONS_MAX
 from tests.unit.watch.watch_kit import mbtiles
 
 PNG = b"\x89PNG\r\n\x1a\n"

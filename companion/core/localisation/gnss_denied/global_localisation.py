@@ -19,6 +19,7 @@ from typing import Final, final
 
 from companion.core.localisation.gnss_denied.error_state import Errors
 from companion.core.localisation.integrity.fix_monitor import FixMonitor, Noise, Parted
+from companion.core.localisation.integrity.velocity_way import VelocityWay
 from companion.core.model.events import Position, Satellites
 from companion.core.model.states import Reception
 from mission.common.frames import Vec3
@@ -81,7 +82,6 @@ class GlobalLocalisation:
         "_better_s",
         "_flown",
         "_heard_s",
-        "_integrated_ne_m",
         "_jumped_ne_m",
         "_monitor",
         "_off_ne_m",
@@ -92,6 +92,7 @@ class GlobalLocalisation:
         "_receives",
         "_said",
         "_told",
+        "_velocity_way",
         "_way",
         "reception",
     )
@@ -112,7 +113,7 @@ class GlobalLocalisation:
         self._own = DeadReckoningUncertainty(START_SD_M)  # of that
         self._way = DeadReckoningUncertainty(START_SD_M)  # of the way to d2
         self._monitor = FixMonitor(AGAINST_FIXES)
-        self._integrated_ne_m = (0.0, 0.0)  # the way by velocities alone
+        self._velocity_way = VelocityWay()
         self._astray = False
 
     # --- what comes in ---
@@ -150,7 +151,6 @@ class GlobalLocalisation:
         """The odometer, where fixes are good, goes as the position does, unless they pull it; else as the velocity."""
         by_n = 0.5 * (before.vel_ned_mps[0] + told.vel_ned_mps[0]) * since_s
         by_e = 0.5 * (before.vel_ned_mps[1] + told.vel_ned_mps[1]) * since_s
-        self._integrated_ne_m = (self._integrated_ne_m[0] + by_n, self._integrated_ne_m[1] + by_e)
         more_n = told.pos_ned_m[0] - before.pos_ned_m[0] - by_n
         more_e = told.pos_ned_m[1] - before.pos_ned_m[1] - by_e
         most_m = PULLED_M + (PULLED_MPS + ACCELERATION_MPS2 * since_s) * since_s
@@ -159,12 +159,18 @@ class GlobalLocalisation:
 
     def _hold_fix(self, told: Position, now_s: float) -> None:
         """The position that follows fixes, against the way by velocities."""
-        if not self._flown:
+        if not self._flown or not self._velocity_way.update(told, now_s):
             return
         fix = (told.pos_ned_m[0], told.pos_ned_m[1])
         sd_m = UNTOLD_SD_M if self._said is None else self._said.sd_m
+        way = self._velocity_way
         parted = self._monitor.update(
-            fix, self._integrated_ne_m, now_s, frame_rad2=FRAME_RAD2, fix_m=sd_m / math.sqrt(2.0)
+            fix,
+            way.ne_m,
+            now_s,
+            frame_rad2=FRAME_RAD2,
+            fix_m=sd_m / math.sqrt(2.0),
+            walk_m2_per_s=way.walk_m2_per_s,
         )
         if parted is not None:
             self._drop_fix(parted)

@@ -295,7 +295,7 @@ class RangingLocaliser:
         return rel, (share * rel[0], share * rel[1], down_m)
 
     def scale_to_range(self, vehicle: int, rel_ned_m: Vec3, now_s: float) -> Vec3:
-        """A silent vehicle's position by odometry, but as near as the own radio measures: a range makes none farther."""
+        """A silent vehicle's position by odometry, as near as the own radio measures: a range makes none farther."""
         north, east, down = rel_ned_m
         kept_m, measured_m = math.hypot(north, east), self._own_ranges.level_m(vehicle, down, now_s)
         if measured_m >= kept_m or kept_m < 0.1:

@@ -30,8 +30,6 @@ from mission.common.frames import Vec3
 BY_TRUNKS: Final = Noise(fix_m=0.2, fix_memory_s=5.0, walk_m2_per_s=0.005, share=0.005, alarm=20.0)
 # Of a fix less the noise that its receiver's velocity has not: a walk of 1 or 2 m, within a minute, is GNSS's own
 BY_VELOCITY: Final = Noise(fix_m=0.5, fix_memory_s=5.0, walk_m2_per_s=0.02, share=0.0, alarm=20.0)
-# The trunks' frame was found to be turned by up to 4 degrees when it was thought to be known to 0.7 (sectors, 3 m/s)
-FRAME_LEAST_RAD: Final = math.radians(2.0)
 FOUND_M: Final = 1.0  # error of a position after the fix was found to be wrong
 SEEN_MPS: Final = 0.04  # by which that grows while trunks tell the motion: as DeadReckoning has it
 GUESSED_MPS: Final = 0.2  # and by the drift that was found alone
@@ -105,17 +103,14 @@ class OwnPosition:
         """Against the way that trunks tell, or its own velocity. `goes_on`: of that way nothing is missing."""
         way = self._perception.read_way(reported, now_s)
         fix = (reported.pos_ned_m[0], reported.pos_ned_m[1])
-        self._hold_against_velocity(reported, fix, now_s, goes_on=goes_on, may_tell=way is None)
+        self._hold_against_velocity(fix, now_s, goes_on=goes_on, may_tell=way is None)
         if way is None:
             return
-        frame_rad2 = max(way.frame_rad2, FRAME_LEAST_RAD**2)
-        parted = self._monitor.update(fix, way.ne_m, now_s, frame=way.frame, frame_rad2=frame_rad2)
+        parted = self._monitor.update(fix, way.ne_m, now_s, frame=way.frame, frame_rad2=way.frame_rad2)
         if parted is not None:
             self._begin_reckoning(reported, parted, now_s)
 
-    def _hold_against_velocity(
-        self, reported: Position, fix: tuple[float, float], now_s: float, *, goes_on: bool, may_tell: bool
-    ) -> None:
+    def _hold_against_velocity(self, fix: tuple[float, float], now_s: float, *, goes_on: bool, may_tell: bool) -> None:
         way, monitor = self._way, self._velocity_monitor
         if not goes_on:
             monitor.forget()

@@ -64,7 +64,9 @@ class PhaseGate:
     def __init__(self, mission: Mission, me: int) -> None:
         self._me: Final = me
         self._heard_s: Final = HEARD_PERIODS / mission.radio.beacon_rate_hz
-        self._durations_s: Final = [visit.duration_s for visit in mission.visits]
+        until = None if mission.survey is None else mission.survey.until
+        most_s = math.inf if until is None else until.after_s  # from then on a leader may know the stand well enough
+        self._durations_s: Final = [min(visit.duration_s, most_s) for visit in mission.visits]
         self._at_end: Final = mission.route.at_end
         self._back_m: Final = mission.radio.full_range_m  # a straggler is landed where it hears of it
         vehicles = range(1, mission.swarm.size + 1)

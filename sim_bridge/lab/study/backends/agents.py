@@ -11,6 +11,7 @@ from typing import Any
 from mission.document.model import Mission
 from sim_bridge.drive import fly
 from sim_bridge.drive.entrant.stages import BY_OURS, Entrant
+from sim_bridge.drive.lockstep.fleet_keys import FleetKeys
 from sim_bridge.judge import estimate_recorder
 from sim_bridge.judge.metrics import stems
 from sim_bridge.judge.outcome import Outcome
@@ -65,8 +66,12 @@ def fly_stack(
     on_jsbsim: bool,
     watch: Callable[[fly.Flight], None] | None = None,
     entrant: Entrant = BY_OURS,
+    signed: bool = False,
 ) -> Outcome:
-    """One flight of the whole stack, into an empty `folder`, if there is one. `watch`, `entrant`: as for `fly.fly`."""
+    """One flight of the whole stack, into an empty `folder`, if there is one. `watch`, `entrant`: as for `fly.fly`.
+
+    `signed`: its radio has keys, drawn by the mission's seed.
+    """
     if mission.origin is None:
         mission = mission.with_origin(DEFAULT_ORIGIN)
     airframes = (
@@ -76,8 +81,11 @@ def fly_stack(
             pos_ned_m, 0.0, drag=mission.sim.drag, ground_down_m=pos_ned_m[2]
         )
     )
+    keys = FleetKeys(mission) if signed else None
     with Progress(io.StringIO()) as progress:
-        return fly.fly(mission, folder, progress, in_process=True, airframes=airframes, watch=watch, entrant=entrant)
+        return fly.fly(
+            mission, folder, progress, in_process=True, airframes=airframes, watch=watch, entrant=entrant, keys=keys
+        )
 
 
 def _over_alone(figures: dict[str, Any], mission: Mission, *, on_jsbsim: bool) -> dict[str, Any]:

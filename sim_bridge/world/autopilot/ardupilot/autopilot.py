@@ -18,13 +18,14 @@ from sim_bridge.world.autopilot.ardupilot.flight import CopterFlight
 from sim_bridge.world.autopilot.ardupilot.tables import CopterMode
 from sim_bridge.world.autopilot.battery import BatterySpec
 from sim_bridge.world.autopilot.fence import Fence
+from sim_bridge.world.autopilot.protocols.channel import Channel
 from sim_bridge.world.autopilot.protocols.links import Link, checked_sysid
 from sim_bridge.world.autopilot.protocols.parameters import ParameterTable
 from sim_bridge.world.autopilot.protocols.streams import microseconds
 from sim_bridge.world.autopilot.status import Firmware
 from sim_bridge.world.autopilot.telemetry import Builder, Readings
 from sim_bridge.world.autopilot.types import Result, Satellites, StreamProfile
-from sim_bridge.world.autopilot.vehicle import PROFILES, Channel, MavlinkAutopilot
+from sim_bridge.world.autopilot.vehicle import PROFILES, MavlinkAutopilot
 
 VTOL_STATE_MC: Final = 3
 UNKNOWN_U16: Final = 65535

@@ -8,6 +8,7 @@ from enum import StrEnum
 from typing import Any, Final
 
 from companion.mavlink import dialect as mav
+from companion.mavlink.autopilot_link.signing import LinkSigning
 from companion.mavlink.framing import wire
 from companion.mavlink.framing.frames import Framing, Incoming
 
@@ -52,6 +53,7 @@ class Port:
 
     def __init__(self, system: int, component: int = AUTOPILOT_COMPONENT) -> None:
         self.counts = LinkCounts()
+        self.signing: LinkSigning | None = None  # as real ones do, with a clock that the other end's frames push on
         self._framing = Framing()
         self._sender = wire.Sender(system, component)
         self._queue: deque[bytes] = deque(maxlen=QUEUE_MAX_FRAMES)
@@ -59,8 +61,10 @@ class Port:
     def pack(self, message: Any) -> bytes:
         """The frame of `message` (pymavlink's, or Packed), with this channel's next sequence number."""
         if isinstance(message, Packed):
-            return self._sender.frame(message.message_id, message.payload)
-        return self._sender.pack(message)
+            frame = self._sender.frame(message.message_id, message.payload)
+        else:
+            frame = self._sender.pack(message)
+        return frame if self.signing is None else self.signing.seal(frame, 0.0)
 
     def send(self, message: Any) -> None:
         """Queue `message` for the next `drain`."""
@@ -94,7 +98,8 @@ class Port:
         self.counts.frames += len(found)
         self.counts.unknown = self._framing.passed_over
         self.counts.garbage_bytes = self._framing.garbage_bytes
-        return found
+        signing = self.signing
+        return found if signing is None else [incoming for incoming in found if signing.admits(incoming.frame)]
 
 
 def target_of(incoming: Incoming) -> tuple[int, int]:

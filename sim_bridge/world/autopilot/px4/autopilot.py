@@ -14,6 +14,7 @@ from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.autopilot import commands, setpoint, status, telemetry
 from sim_bridge.world.autopilot.battery import BatterySpec
 from sim_bridge.world.autopilot.estimates.gnss_faults import FaultyGnss
+from sim_bridge.world.autopilot.protocols.channel import Channel
 from sim_bridge.world.autopilot.protocols.links import Link, checked_sysid
 from sim_bridge.world.autopilot.protocols.parameters import ParameterTable
 from sim_bridge.world.autopilot.protocols.streams import microseconds
@@ -24,7 +25,7 @@ from sim_bridge.world.autopilot.setpoint import STOP
 from sim_bridge.world.autopilot.status import Firmware
 from sim_bridge.world.autopilot.telemetry import Builder, Readings
 from sim_bridge.world.autopilot.types import Result, StreamProfile
-from sim_bridge.world.autopilot.vehicle import PROFILES, Channel, MavlinkAutopilot
+from sim_bridge.world.autopilot.vehicle import PROFILES, MavlinkAutopilot
 
 FIRST_HEARTBEAT_US: Final = 1_200_000  # recorded, by PX4's own clock: 1.15-1.26 s after boot
 

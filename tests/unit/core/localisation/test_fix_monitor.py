@@ -9,7 +9,8 @@ import pytest
 
 from companion.core.localisation.gnss_denied.global_localisation import AGAINST_FIXES
 from companion.core.localisation.integrity.fix_monitor import NOTE_S, WINDOW_S, FixMonitor, Noise, Parted
-from companion.core.localisation.integrity.own_position import BY_TRUNKS, FRAME_LEAST_RAD
+from companion.core.localisation.integrity.own_position import BY_TRUNKS
+from companion.core.perception.obstacle_perception import FRAME_BY_SECTORS_RAD, FRAME_RAD
 
 SPEED_MPS = 2.0
 BEGINS_S = 20.0
@@ -23,7 +24,7 @@ def flown(
     keep = math.exp(-NOTE_S / noise.fix_memory_s)
     fresh = noise.fix_m * math.sqrt(1.0 - keep * keep)
     fix = [noise.fix_m * rng.gauss(0.0, 1.0) for _ in range(2)]
-    walk, turn = [0.0, 0.0], FRAME_LEAST_RAD * rng.gauss(0.0, 1.0)
+    walk, turn = [0.0, 0.0], FRAME_RAD * rng.gauss(0.0, 1.0)
     for k in range(round(lasts_s / NOTE_S)):
         now_s = k * NOTE_S
         fix = [keep * one + fresh * rng.gauss(0.0, 1.0) for one in fix]
@@ -33,7 +34,7 @@ def flown(
         place = (true[0] + fix[0] + drift_ne_mps[0] * led_s, true[1] + fix[1] + drift_ne_mps[1] * led_s)
         c, s = math.cos(turn), math.sin(turn)
         way = (c * true[0] - s * true[1] + walk[0], s * true[0] + c * true[1] + walk[1])
-        parted = monitor.update(place, way, now_s, frame_rad2=FRAME_LEAST_RAD**2)
+        parted = monitor.update(place, way, now_s, frame_rad2=FRAME_RAD**2)
         if parted is not None:
             return now_s - BEGINS_S, parted
     return None, None
@@ -45,7 +46,7 @@ def test_drawn_noise_alone_alarms_at_most_once_an_hour(noise: Noise) -> None:
     assert sum(flown(noise, seed, 200.0)[0] is not None for seed in range(40)) <= 2
 
 
-@pytest.mark.parametrize(("rate_mps", "most_m"), [(0.1, 12.0), (0.2, 6.5), (0.5, 5.0)])
+@pytest.mark.parametrize(("rate_mps", "most_m"), [(0.1, 12.0), (0.2, 5.0), (0.5, 5.0)])
 def test_by_trunks_a_drift_is_found_before_it_has_led_far(rate_mps: float, most_m: float) -> None:
     for seed in range(8):
         bearing = 0.8 * seed
@@ -100,7 +101,7 @@ def test_a_frame_that_turns_back_by_more_than_is_thought_of_it_parts_nothing() -
         place = (0.0, 2.7 * k)
         c, s = math.cos(turned), math.sin(turned)
         way = (c * place[0] - s * place[1], s * place[0] + c * place[1])
-        thought_rad2 = max(math.radians(0.7) ** 2, FRAME_LEAST_RAD**2)
+        thought_rad2 = max(math.radians(0.7) ** 2, FRAME_BY_SECTORS_RAD**2)
         frame = (turned, 0.0, 0.0)
         found |= monitor.update(place, way, float(k), frame=frame, frame_rad2=thought_rad2) is not None
     assert not found

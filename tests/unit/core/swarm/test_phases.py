@@ -86,6 +86,65 @@ def test_places_ahead_are_the_trees_that_are_left_and_home() -> None:
     assert phases.stops_ahead() == [(0.0, 0.0, -8.0)]
 
 
+# --- until the stand is known ---
+
+SURVEYS = {
+    "sensing": {"sensor": "scan-1deg", "range_m": 12.0},
+    "survey": {"until": {"basal_area_pct": 10.0, "after_s": 20.0}},
+    "route": {"at_end": "land"},
+}
+
+
+@pytest.mark.parametrize(
+    ("basal_area_pct", "ends_s"),
+    [(9.9, 20.0), (10.0, 20.0), (10.1, COVERAGE_S), (None, COVERAGE_S)],
+    ids=["well enough", "just so", "not quite", "not at all"],
+)
+def test_coverage_ends_when_the_stand_is_known_and_never_before_its_least_time(
+    basal_area_pct: float | None, ends_s: float
+) -> None:
+    leader = Leader(P.COVERAGE, coverage={"duration_s": COVERAGE_S}, **SURVEYS)
+    leader.phases.note_stand(basal_area_pct)
+    assert leader.lead(200.0) is P.LAND
+    assert leader.now_s - START_S == pytest.approx(ends_s, abs=0.2)
+
+
+def test_coverage_ends_as_soon_as_the_stand_is_known_later_on() -> None:
+    leader = Leader(P.COVERAGE, coverage={"duration_s": COVERAGE_S}, **SURVEYS)
+    assert leader.lead(30.0) is None
+    leader.phases.note_stand(8.0)
+    assert leader.lead(0.1) is P.LAND
+
+
+def test_a_known_stand_ends_no_coverage_of_a_mission_that_does_not_ask_for_it() -> None:
+    leader = Leader(P.COVERAGE, coverage={"duration_s": COVERAGE_S}, route={"at_end": "land"})
+    leader.phases.note_stand(0.1)
+    assert leader.lead(COVERAGE_S - 0.2) is None
+
+
+def test_a_ring_that_is_not_formed_is_waited_for_though_the_stand_is_known() -> None:
+    leader = Leader(P.COVERAGE, coverage={"duration_s": COVERAGE_S}, **SURVEYS)
+    leader.phases.note_stand(8.0)
+    assert leader.lead(19.9) is None
+    assert leader.phases.is_near_end(leader.now_s)
+    leader.phases.note_unformed(leader.now_s)
+    assert leader.lead(GAP_WINDOW_S) is None
+    assert leader.lead(0.3) is P.LAND
+
+
+def test_trees_on_the_way_are_left_by_it_too() -> None:
+    tables = {**SURVEYS, "route": {**TREES, "at_end": "return"}}
+    leader = Leader(P.TRANSIT, coverage={"duration_s": 30.0}, **tables)
+    leader.phases.note_stand(8.0)
+    seen = []
+    for _ in range(3):
+        assert leader.lead(5.0) is P.COVERAGE
+        began_s = leader.now_s
+        leader.lead(100.0)
+        seen.append(round(leader.now_s - began_s))
+    assert seen == [10, 20, 20]
+
+
 # --- assemble ---
 
 

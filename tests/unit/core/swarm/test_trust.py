@@ -128,6 +128,24 @@ def test_even_a_leader_takes_no_step_that_the_mission_does_not_have(
     assert gate.is_believed(said, phases, 1, after_s, is_news=True) is believed
 
 
+@pytest.mark.parametrize(("after_s", "believed"), [(5.0, False), (6.9, False), (7.1, True), (14.0, True)])
+def test_a_leader_may_leave_a_tree_early_where_the_mission_has_until_and_not_before_its_least_time(
+    after_s: float, believed: bool
+) -> None:
+    flies = mission(
+        swarm={"size": 6},
+        route={"at_end": "land"},
+        coverage={"duration_s": 60.0},
+        sensing={"sensor": "scan-1deg"},
+        survey={"until": {"basal_area_pct": 10.0, "after_s": 10.0}},
+    )
+    gate, phases = on_the_way(flies, SwarmPhase.COVERAGE)
+    said = beacon(1, phase=SwarmPhase.LAND, lease=lease(1, 7, established=True), hop=0)
+    gate.store(said, after_s)
+    assert gate.is_believed(said, phases, 1, after_s, is_news=True) is believed
+    assert gate.is_foul(said, phases, after_s) is not believed
+
+
 def test_while_an_operator_holds_it_no_leader_is_late_and_none_too_soon() -> None:
     """It may be the only one that is held: a leader that was not has counted that time, too."""
     gate, phases = on_the_way(phase=SwarmPhase.COVERAGE)

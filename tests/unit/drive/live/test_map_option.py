@@ -7,7 +7,7 @@ import socket
 
 import pytest
 
-from mission.common import own_addresses
+from mission.common.network import own_addresses
 from sim_bridge.drive.live.map import ROWS_HZ, UNSEEN_HZ, Map
 from sim_bridge.errors import StartError
 from sim_bridge.options.ports import add_map

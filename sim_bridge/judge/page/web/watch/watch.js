@@ -17,6 +17,7 @@ const cards = new Map(); // by vehicle
 
 const title = el("h1", {}, "Swarm");
 const summary = el("p", { class: "summary" }, "Nothing heard yet");
+const harvest = el("p", { class: "summary", hidden: true }); // how far the records are, and the stand so far
 const hear = el("button", { type: "button", onclick: () => { sound.turn(); writeSound(); } });
 const theme = el("button", { type: "button", "aria-label": "Light or dark" }, "◐");
 const rows = el("div", {});
@@ -34,7 +35,7 @@ const notKnown = el("ul", {});
 const others = el("ul", { class: "reports" });
 
 document.body.append(
-  el("header", {}, el("div", {}, title, summary), el("div", { class: "switches" }, hear, theme)),
+  el("header", {}, el("div", {}, title, summary, harvest), el("div", { class: "switches" }, hear, theme)),
   banner,
   aloud,
   el(
@@ -95,6 +96,8 @@ function show() {
   const picture = aged(last, sinceS());
   title.textContent = picture.about.mission?.name || "Swarm";
   summary.textContent = summaryOf(picture, sinceS());
+  harvest.textContent = picture.harvest;
+  harvest.hidden = !picture.harvest;
   credit.textContent = (picture.about.chart?.attribution ?? "").replace(/<[^>]*>/g, "");
   writeCards(picture);
   write(others, peerReports(picture));

@@ -1,0 +1,1 @@
+"""The link between a companion and its autopilot, where both ends have a key."""
