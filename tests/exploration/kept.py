@@ -216,6 +216,8 @@ CONSTANT: dict[type, Sequence[str]] = {
         "_all",
         "_majority",
         "gather_limit_s",
+        "_until",  # no survey here, as the next
+        "_knows_stand",
         "since_s",
         "_forming",
         "_held_s",

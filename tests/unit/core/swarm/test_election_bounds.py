@@ -191,16 +191,15 @@ def test_a_roster_begins_with_its_own_vehicle_and_nothing_done() -> None:
     assert roster.flown == 0b100
 
 
-def test_by_default_nobody_is_known_to_be_on_the_ground_and_a_new_leader_has_a_moment() -> None:
+def test_by_default_nobody_is_known_to_be_on_the_ground_and_only_an_heir_has_a_moment() -> None:
     roster = Roster(2, 4)
     roster.mark_launched(0b0111)
     assert roster.missing_peers() == 0b0101
     assert roster.missing_peers(grounded=0b0001) == 0b0100
-    assert roster.has_quorum(1.0)
-    assert not Roster.has_quorum(roster, 9.0)
-    anew = Roster(2, 4)
-    anew.mark_launched(0b0111)
-    assert not anew.has_quorum(1.0, at_once=True)
+    assert not roster.has_quorum(1.0)
+    roster.begin_lead(1.0)
+    assert roster.has_quorum(1.5)
+    assert not roster.has_quorum(9.0)
 
 
 @pytest.mark.parametrize(
