@@ -8,6 +8,7 @@ its autopilot, its radio and its sensor's driver have. Its neighbour's beacons c
 from __future__ import annotations
 
 import argparse
+import os
 import random
 import re
 import select
@@ -17,7 +18,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
@@ -52,6 +53,7 @@ READY_LIMIT_S = 120.0
 ORDERED_S = 5.0  # of the world, when the operator of a signed swarm gives its order
 SETTLED_S = 5.0  # in the air, before the flood
 GAP_MS = 250.0
+NICE = -15  # of companion/board/understory-companion.service
 DELAY_MAX_S = 0.01  # of a beacon, drawn; more, and two of them are echoed as one
 FLOODED, NEIGHBOUR = 1, 2
 DRAWN = 256  # datagrams of a flood, sent over and over
@@ -166,6 +168,9 @@ class Swarm:
             for k in self._world.vehicles
         ]
         stack.callback(end, self.children)
+        with suppress(PermissionError):  # as its service has it: on a busy machine the scheduler is measured else
+            for child in self.children:
+                os.setpriority(os.PRIO_PROCESS, child.pid, NICE)
         self._orders: subprocess.Popen[bytes] | None = None
         self._order = (
             *(*PROGRAM, "order", "start", "--yes", "--key", str(folder / "keys" / file_name(OPERATOR))),
