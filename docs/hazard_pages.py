@@ -35,8 +35,9 @@ FLOWN_ABOUT = """\
 *In flight*: `{command}`, {flights} flights (seeds {first} to {last}, missions as drawn by version {version} of the
 search; {grades}). `kill 9/8`: nine times, in eight of the flights. First what the search did to them, then what
 companions did: a failsafe that decided, a limit that cut the setpoint, a state, a text; each counts when it begins, for
-each vehicle. A 0 says that it did not come up there, so of that defence these flights say nothing. They fly without
-keys; what strangers do is measured elsewhere, where it says so."""
+each vehicle. A frame that the radio's guard refused counts by itself. A 0 says that it did not come up there, so of
+that defence these flights say nothing. Half of them have keys, half an attacker; what is measured elsewhere besides,
+says where."""
 
 F3269 = """\
 ## Run-time assurance: ASTM F3269
@@ -191,6 +192,8 @@ def _is_event(name: str) -> bool:
             return what in {state.name.lower() for state in FlightState}
         case "cut":
             return what in {reason.value for reason in CutReason}
+        case "refused":
+            return f'"{what}"' in _companion_source()
         case "text":
             return max(re.split("[#:]", what), key=len).strip() in _companion_source()
     return kind in ("dropped", "own motion")
@@ -198,7 +201,7 @@ def _is_event(name: str) -> bool:
 
 @functools.cache
 def _companion_source() -> str:
-    return "".join(file.read_text(encoding="utf-8") for file in sorted((ROOT / "companion" / "core").rglob("*.py")))
+    return "".join(file.read_text(encoding="utf-8") for file in sorted((ROOT / "companion").rglob("*.py")))
 
 
 def _is_test(name: str) -> bool:

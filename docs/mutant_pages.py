@@ -13,6 +13,7 @@ from hazard_pages import HazardsError
 
 TABLE = Path(__file__).parent / "mutants.toml"
 Z = 1.96  # 95 %
+NOTHING = "changes nothing"  # begins the reason of a mutant that does the same
 
 ABOUT = """\
 A mutant is the code with one small thing changed: a sign, a bound, a constant, an argument. If a test fails with it, it
@@ -34,15 +35,18 @@ def mutants_page() -> Iterator[str]:
     yield "|---|---|---|---|---|---|---|---|"
     for group in table["group"]:
         yield _group_row(group)
-    groups = table["group"]
-    made = sum(group["made"] for group in groups)
+    groups = [group for group in table["group"] if group["tried"]]
+    made, tried = (sum(group[key] for group in groups) for key in ("made", "tried"))
+    nothing = sum(row["reason"].startswith(NOTHING) for row in survivors)
     share = sum(group["made"] * _killed(group) / group["tried"] for group in groups) / made
     # of a stratified sample: each group's share counts as its mutants do
     variance = sum((group["made"] / made) ** 2 * _variance(group) for group in groups)
     yield from (
         "",
-        f"Of all {made}, by the groups' shares: **{100.0 * share:.1f} %** killed "
-        f"(± {100.0 * Z * math.sqrt(variance):.1f}, 95 %). Those that change nothing count as survivors here.",
+        f"Of the {made} of the groups that were tried, by their shares: **{100.0 * share:.1f} %** killed "
+        f"(± {100.0 * Z * math.sqrt(variance):.1f}, 95 %). Those that change nothing count as survivors here: "
+        f"{nothing} of {len(survivors)}; of the {tried - nothing} others "
+        f"{100.0 * (tried - len(survivors)) / (tried - nothing):.1f} % are killed. {table['note']}".rstrip(),
         "",
         "## Survivors",
         "",
@@ -56,8 +60,10 @@ def mutants_page() -> Iterator[str]:
 
 def _group_row(group: Mapping[str, Any]) -> str:
     tried, killed = group["tried"], _killed(group)
-    low, high = wilson(killed, tried)
     files = ", ".join(f"`{file.removeprefix('companion/')}`" for file in group["files"])
+    if not tried:
+        return _cells(group["name"], files, str(group["made"]), "0", "", "", "", "not tried yet")
+    low, high = wilson(killed, tried)
     return _cells(
         group["name"],
         files,

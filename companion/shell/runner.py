@@ -30,7 +30,8 @@ from companion.shell.service import Service
 DRAIN_MAX = 4096  # datagrams at a time: more than the kernel queues
 DRAIN_S = 0.01  # a flood of any link delays a setpoint by this much at most
 FLOOD_HZ = 1280.0  # datagrams of one link, more than a swarm of 50 sends: then it is read sooner again,
-FLOOD_WAIT_S = 0.002  # before the kernel's queue is full and genuine ones are lost with the rest
+FLOOD_WAIT_S = 0.002  # before the kernel's queue is full and genuine ones are lost with the rest,
+FLOOD_OVER_S = 0.9 * TICK_S  # until so long few came: a flood comes in bursts, and a pause of 2 ms is not its end
 HELLO_S = 1.0
 LEAP_NS = 600_000_000_000  # a vehicle's time may leap ahead by this much, as a simulator's does that was paused
 BELIEVED_AFTER = 3  # requests in a row, else
@@ -89,7 +90,9 @@ class Runner:
         self.now_s: float | None = None  # of the clock in use, at the last tick
         self.ticks = 0
         self.missed = 0  # ticks that were skipped
-        self._drained_s = float("-inf")  # when all links were found empty
+        self._is_flooded = False  # by a link
+        self._counted_s = float("-inf")  # since then,
+        self._count = 0  # so many datagrams of one link
         self._autopilot = autopilot
         self._peers = peers
         self._sensors = sensors
@@ -185,8 +188,15 @@ class Runner:
             most = max(most, one.count)
             if ended_s >= until_s or most >= DRAIN_MAX:
                 return 0.0
-        passed_s, self._drained_s = max(FLOOD_WAIT_S, now_s - self._drained_s), now_s
-        return math.inf if most <= FLOOD_HZ * min(TICK_S, passed_s) else FLOOD_WAIT_S
+        self._count += most
+        is_over = now_s - self._counted_s >= FLOOD_OVER_S
+        if self._count > FLOOD_HZ * TICK_S:
+            self._is_flooded = True
+        elif is_over:
+            self._is_flooded = False
+        if is_over:
+            self._count, self._counted_s = 0, now_s
+        return FLOOD_WAIT_S if self._is_flooded else math.inf
 
     def _others(self) -> list[tuple[Link, Callable[[bytes, float], None]]]:
         """The links but the autopilot's, and what takes the bytes of each."""

@@ -1,8 +1,8 @@
 """Counts which defences acted in flights of the search: `python -m tests.bench defences`.
 
 Flies the missions that `sim-bridge search` draws of these seeds, by the same stack, and looks at every companion in
-every tick: the failsafe that decides, the limits that cut its setpoint, what it says, what it dropped unread. What is
-written with `--write` is what docs/reference/hazards.md shows.
+every tick: the failsafe that decides, the limits that cut its setpoint, what it says, what it dropped or refused. What
+is written with `--write` is what docs/reference/hazards.md shows.
 """
 
 from __future__ import annotations
@@ -82,7 +82,8 @@ class Watch:
         self._now[vehicle] = frozenset(now)
         if id(endpoint) not in self._dropped:
             self._endpoints.append(endpoint)
-        self._dropped[id(endpoint)] = {
+        refused = {f"refused: {reason}": count for reason, count in endpoint.peers.guard.refused.items()}
+        self._dropped[id(endpoint)] = refused | {
             "dropped: bad frames of the autopilot": endpoint.autopilot.bad,
             "dropped: beacons of another version": endpoint.codec.other_versions,
             "dropped: messages with invalid values": endpoint.codec.dropped,
@@ -101,7 +102,8 @@ def fly_one(job: tuple[int, bool]) -> Flown:
     """Flies the mission of a seed."""
     seed, on_jsbsim = job
     watch = Watch()
-    outcome = fly_stack(draw(seed).mission, None, on_jsbsim=on_jsbsim, watch=watch.check_flight)
+    drawn = draw(seed)
+    outcome = fly_stack(drawn.mission, None, on_jsbsim=on_jsbsim, watch=watch.check_flight, signed=drawn.signed)
     return Flown(seed, str(outcome.summary["grade"]), watch.conclude())
 
 

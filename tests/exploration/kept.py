@@ -175,6 +175,10 @@ BLOCKLIST: dict[str, Keep] = {
 }
 LEADS: dict[str, Keep] = {
     "_usurpers": (lambda usurpers, _: tuple(sorted(usurpers)), lambda usurpers, _: set(usurpers)),
+    "_unled_s": (
+        lambda unled_s, period: min(APART_PERIODS + 1, round(min(1e6, period - unled_s / PERIOD_S))),
+        lambda age, period: to_s(period - age),
+    ),
     "_named": new(lambda _: set()),  # said to an operator, as the next
     "_news": new(lambda _: []),
     # All stand still here, and no time of a mission's is up: no leader gets lost, or nowhere.
@@ -216,6 +220,8 @@ CONSTANT: dict[type, Sequence[str]] = {
         "_all",
         "_majority",
         "gather_limit_s",
+        "_until",  # no survey here, as the next
+        "_knows_stand",
         "since_s",
         "_forming",
         "_held_s",

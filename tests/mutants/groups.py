@@ -26,6 +26,7 @@ GROUPS: Final = (
         ("companion/core/safety/*.py",),
         (f"{CORE}/safety",),
         (
+            f"{CORE}/perception/test_vehicle_tracks.py",
             "tests/property/test_core_trees.py",
             TRANSCRIPTS,
             "tests/property/test_core_safety_laws.py",
@@ -47,17 +48,13 @@ GROUPS: Final = (
     Group(
         "verifier of the radio",
         tuple(f"{PEERS}/{name}.py" for name in ("frame_mac", "guard", "manifest", "session", "stream")),
-        (f"{LINK}/test_signing.py", f"{LINK}/test_signing_rotation.py", f"{LINK}/test_endpoint_peers.py"),
+        (f"{LINK}/test_signing.py", f"{LINK}/test_signing_rotation.py", f"{LINK}/test_signing_words.py"),
         (f"{LINK}/test_endpoint_records.py", "tests/property/test_order_books.py"),
     ),
     Group(
         "orders",
         ("companion/mavlink/orders/*.py",),
-        (f"{LINK}/test_order_book.py", f"{LINK}/test_orders.py", f"{LINK}/test_endpoint_orders.py"),
+        tuple(f"{LINK}/test_{name}.py" for name in ("order_book", "order_choices", "orders", "endpoint_orders")),
         ("tests/property/test_order_books.py", "tests/unit/order"),
     ),
-)
-# Looks at objects' identity, which mutmut's calls by way of a dispatcher do not keep
-LEFT_OUT: Final = (
-    f"{LINK}/test_endpoint_peers.py::test_receivers_that_share_a_reader_hear_what_others_hear_and_decode_each_frame_once",
 )

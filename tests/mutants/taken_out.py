@@ -6,6 +6,7 @@ In a copy, one at a time. A row whose tests all pass without its defence is a de
 from __future__ import annotations
 
 import argparse
+import re
 import tempfile
 import tomllib
 from collections.abc import Sequence
@@ -32,6 +33,9 @@ def main(argv: Sequence[str]) -> int:
             tests = [f"tests/{name}" for name in sorted(row["tests"], key=lambda name: name.startswith(SLOW))]
             with copy.changed(**row["taken_out"]):
                 failed = copy.fails(tests, LIMIT_S)
+            named = re.search(r"tests/[^\s\[]+::[^\s\[]+", failed)
+            if named is not None and copy.fails([named[0]], LIMIT_S):
+                failed = ""  # it fails with the defence, too: that says nothing
             unnoticed += not failed
             print(f"{row['hazard']}: {failed or 'NOT NOTICED'}", flush=True)
     print(

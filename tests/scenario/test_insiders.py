@@ -93,7 +93,7 @@ def test_one_that_says_that_it_leads_while_the_leader_is_heard_is_not_followed()
     for _ in range(60):
         swarm.tick()
         assert leaders(swarm, others(swarm, 3)) == {1}
-    assert all(swarm.aircraft[k].agent.swarm.trust.blocklist.has(3) for k in others(swarm, 3))
+    assert any("vehicle 3 blocked: leads unasked" in text for k in others(swarm, 3) for text in swarm.aircraft[k].said)
 
 
 def test_one_that_stands_for_the_leaders_place_is_no_way_to_it() -> None:

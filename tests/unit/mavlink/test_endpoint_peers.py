@@ -162,7 +162,7 @@ def test_receivers_that_share_a_reader_hear_what_others_hear_and_decode_each_fra
         receiver.from_autopilot(packed(HOME, position(1.0), heartbeat(), system=receiver.id), 10.0)
     for sender in (5, 6, 7, 8):  # more than are remembered
         for receiver in (one, other, alone):
-            receiver.from_peers(beacon_of(sender), 10.0)
+            receiver.from_peers(beacon_of(sender, route_cost=1.0), 10.0)
     assert len(heard(one)) == 4
     known = [[known_of(neighbour) for neighbour in heard(receiver)] for receiver in (one, other, alone)]
     assert known[0] == known[1] == known[2]

@@ -323,7 +323,7 @@ def test_a_flood_is_told_to_the_operator_with_the_beacons_that_are_lost(
     monkeypatch.setattr(endpoint.agent, "localiser", SimpleNamespace(neighbours=heard))
     monkeypatch.setattr(endpoint.agent, "status", lambda _now_s: status)
     told: list[Say] = []
-    monkeypatch.setattr(endpoint, "queue_say", told.append)
+    monkeypatch.setattr(endpoint, "report_surroundings", told.append)
     for second in range(9):
         peers.lost += 4120 if second == 1 else 0
         watch.log_changes(float(second), [])

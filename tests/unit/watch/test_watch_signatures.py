@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 from companion.core.model.beacon import RelativeReport
 from companion.keys.keyring import OPERATOR
+from companion.mavlink.framing import wire
 from companion.mavlink.own_messages import encode_relative_report
 from companion.mavlink.peers.frame_mac import seal
+from companion.mavlink.peers.guard import CHECKS_MAX
+from companion.mavlink.peers.manifest import MANIFEST_ID, Manifest, encode_manifest, read_manifest
 from companion.mavlink.peers.session import BASE_ID, open_session
 from companion.mavlink.relative import RELATIVE_ID
+from companion.records.frames import RECORD_ID, encode_record
+from companion.records.record import Record, RecordKind
 from companion.watch.alarms import alarms
 from companion.watch.heard import FRESH_S, Heard
 from companion.watch.listening_guard import PAST_MAX, ListeningGuard
@@ -90,6 +98,29 @@ def test_member_that_speaks_as_another_is_told_and_its_word_is_not_shown() -> No
     assert kinds(one, now_s) <= {("stranger", (1,))}
 
 
+def test_manifest_by_anothers_key_or_of_another_mission_begins_no_boot() -> None:
+    one = watching()
+    now_s = fly(one, [Node(1)], 100.0, 2.0)
+    other = Node(1, boot=50, mission=b"n" * 32)
+    of_another_mission = [data for data in other.send(now_s) if read_manifest(data)]
+    session = open_session(keyring(2), 2, MISSION, 77)
+    payload = encode_manifest(Manifest(50, 1, 1, (), ()), 1, session.signer)
+    by_another = wire.frame(MANIFEST_ID, payload, seq=0, system=1, component=191, flags=1)
+    for data in (*of_another_mission, seal(by_another, session.keys[0], 0, 1)):
+        for at_s in (now_s, now_s + 10.0):  # while it is heard, and when it is not any more
+            one.receive_datagram(data, at_s)
+            assert "has not made" in one.picture(at_s).strangers[0][1]
+            assert not one.picture(at_s + 3.0).strangers
+    assert len(of_another_mission) == 1
+
+
+def test_records_want_the_key_as_well() -> None:
+    one = watching()
+    record = Record(1, 0, 1, RecordKind.STEM, 0.0, b"")
+    one.receive_datagram(frame(RECORD_ID, encode_record(record), 1), 100.0)
+    assert one.harvest.text(0) == ""
+
+
 def test_member_without_its_own_key_stays_unproven() -> None:
     one, node = watching(), Node(1)
     node.says = {"lease": LEADS}
@@ -140,3 +171,19 @@ def test_tables_are_bounded() -> None:
     for k in range(256):
         one.receive_datagram(beacon(k), now_s)
     assert len(one.picture(now_s).strangers) <= 256
+
+
+def test_flood_of_manifests_costs_a_few_signatures_a_second() -> None:
+    class Counting:
+        checked = 0
+
+        def holds(self, _signature: bytes, _data: bytes) -> bool:
+            self.checked += 1
+            return False
+
+    counting: Any = Counting()
+    session = open_session(keyring(OPERATOR), BASE_ID, MISSION, 1)
+    one = Heard(ListeningGuard(replace(session, verifiers={1: counting})))
+    for boot in range(1, 100):
+        one.receive_datagram(b"".join(Node(1, boot=boot).send(100.0)), 100.0)
+    assert counting.checked == CHECKS_MAX

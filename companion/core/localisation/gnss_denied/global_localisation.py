@@ -170,7 +170,7 @@ class GlobalLocalisation:
             now_s,
             frame_rad2=FRAME_RAD2,
             fix_m=sd_m / math.sqrt(2.0),
-            walk_m2_per_s=way.walk_m2_per_s,
+            walk_m2_per_s=way.usual_m2_per_s,
         )
         if parted is not None:
             self._drop_fix(parted)

@@ -48,6 +48,7 @@ class LeadWatch:
         "_named",
         "_news",
         "_phase",
+        "_unled_s",
         "_usurpers",
         "_way_ned_m",
         "_width_m",
@@ -60,6 +61,7 @@ class LeadWatch:
         self._apart_s: Final = APART_PERIODS / mission.radio.beacon_rate_hz
         self._beacons: dict[int, tuple[float, Lease | None]] = {}  # by sender: when, and whom it followed
         self._usurpers: set[int] = set()
+        self._unled_s = -math.inf  # when it had no leader last, or a claim
         self._named: set[int] = set()  # in a word for the operator, once
         self._news: list[tuple[int, str]] = []
         self._phase = SwarmPhase.ASSEMBLE
@@ -73,14 +75,17 @@ class LeadWatch:
 
     def note_claim(self, beacon: Beacon, election: Election, now_s: float) -> bool:
         """A member's own beacon; False: it says that it leads, as it cannot have come to."""
-        sender, lease = beacon.sender, beacon.lease
+        sender, lease, mine = beacon.sender, beacon.lease, election.lease
+        if mine is None or not mine.established:
+            self._unled_s = now_s
         before = self._beacons.get(sender)
         self._beacons[sender] = (now_s, lease)
         if not _leads(sender, lease):
             self._usurpers.discard(sender)
             return True
-        mine = election.lease
-        if mine is None or not mine.established or mine.leader == sender or not self._is_fresh(election, mine):
+        # Where none led a moment ago two may have come to lead at once: the election settles that.
+        is_young = now_s - self._unled_s <= self._apart_s
+        if is_young or mine is None or mine.leader == sender or not self._is_fresh(election, mine):
             self._usurpers.discard(sender)
             return True
         if sender in self._usurpers:

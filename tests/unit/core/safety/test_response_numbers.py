@@ -14,7 +14,12 @@ from companion.core.model.vectors import ZERO
 from companion.core.perception.obstacle_cloud import ObstacleKind
 from companion.core.safety.clearance import ADDED_M, Use, clearance_m
 from companion.core.safety.disturbance import (
+    AHEAD_TICKS,
     CALM_MPS,
+    DEAD_TICKS,
+    FOLLOW,
+    LIMIT_MPS,
+    MEMORY_S,
     DisturbanceEstimator,
     DisturbanceObserver,
     WindObserver,
@@ -37,6 +42,8 @@ from companion.core.safety.response_model import (
     follow_lagged,
     follow_shaped,
 )
+from companion.core.safety.safety_filter import SafetyFilter
+from companion.core.safety.surroundings import Surroundings
 from tests.unit.core.core_kit import mission
 
 pytestmark = pytest.mark.sources
@@ -243,3 +250,102 @@ def test_a_clearance_is_what_an_obstacle_has_and_what_its_use_adds(kind: Obstacl
     added_m = sum(ADDED_M[kind, use])
     assert clearance_m(kind, use) == pytest.approx(added_m)
     assert clearance_m(kind, use, 2.0) == pytest.approx(2.0 + added_m)
+
+
+class Bare(Asked):
+    """Without trunks of the mission."""
+
+    trunks = ()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_filter_verifies_what_is_flown_and_not_what_is_told(seed: int) -> None:
+    """The wind's part is added to the setpoint before, and to the one that is tried."""
+    rng = random.Random(seed)
+    vel, last, told, drift = (complex(rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5)) for _ in range(4))
+    cloud: Any = Bare()
+    own = Position((0.0, 0.0, -8.0), (*level(vel), 0.0), None)
+    around = Surroundings(own, (), {}, cloud, bias_ned_mps=(*level(drift), 0.0), commanded_ned_mps=(*level(last), 0.0))
+    safety_filter = SafetyFilter.of(mission(sensing={"range_m": 12.0}))
+    setpoint = safety_filter.apply((*level(told), 0.0), around, dt_s=0.05)
+    tried = complex(*setpoint.vel_ned_mps[:2])
+    response = safety_filter.response
+    limits = (response.acceleration_mps2, response.braking_mps2)
+    assert limits == pytest.approx((MODEL.acceleration_mps2, MODEL.braking_mps2))
+    expected = ways(vel, last + drift, tried + drift, 0.05, CALM, slews=False)
+    assert len(cloud.calls) == len(expected)
+    for asked, wanted in zip(cloud.calls, expected, strict=True):
+        assert asked == pytest.approx(wanted, abs=1e-9)
+
+
+# --- the estimator ---
+
+
+class Reference:
+    """The estimator for vehicles that follow with a lag, in complex numbers."""
+
+    def __init__(self) -> None:
+        self.models = [{"under_way": [0j] * dead, "u": 0j, "off": 0j, "misses2": 0.0} for dead in DEAD_TICKS]
+        self.level, self.square, self.past, self.begins = 0j, 0.0, [], True
+
+    def estimate(self, vel: complex, told: complex, dt_s: float, most_mps2: float) -> None:
+        if self.begins:
+            self.begins = False
+            for model in self.models:
+                model |= {"under_way": [0j] * len(model["under_way"]), "u": vel, "off": 0j}
+            return
+        for model in self.models:
+            model["under_way"].append(told)
+            acts = model["under_way"].pop(0)
+            model["u"] += cut((1.0 - math.exp(-dt_s / LAG_S)) * (acts - model["u"]), most_mps2 * dt_s)
+            off = vel - model["u"]
+            model["misses2"] += min(1.0, dt_s / MEMORY_S) * (abs(off - model["off"]) ** 2 - model["misses2"])
+            model["off"] = off
+        off = min(self.models, key=lambda model: model["misses2"])["off"]
+        self.level = cut(self.level + FOLLOW * (off - self.level), LIMIT_MPS)
+        self.past.append(self.level)
+        if len(self.past) > AHEAD_TICKS:
+            square = abs(off - self.past.pop(0)) ** 2
+            self.square += min(1.0, dt_s / MEMORY_S) * (square - self.square)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("gust_mps", [0.3, 5.0])
+def test_estimator_is_the_same_in_complex_numbers(seed: int, gust_mps: float) -> None:
+    rng, estimator, reference = random.Random(seed), DisturbanceEstimator(), Reference()
+    assert estimator.level_mps == (0.0, 0.0)
+    told = 0j
+    for k in range(200):
+        if k % 20 == 0:
+            told = complex(rng.uniform(-2.0, 2.0), rng.uniform(-2.0, 2.0))
+        vel = told + gust_mps * complex(rng.uniform(-1.0, 1.0), rng.uniform(0.0, 1.0))
+        estimator.estimate_disturbance(level(vel), level(told), 0.05, 3.0)
+        reference.estimate(vel, told, 0.05, 3.0)
+        assert complex(*estimator.level_mps) == pytest.approx(reference.level, abs=1e-9)
+        assert estimator.change_mps == pytest.approx(max(0.0, math.sqrt(reference.square) - CALM_MPS))
+
+
+def test_what_is_under_way_is_where_the_shaped_vehicle_drifts_until_a_setpoint_acts() -> None:
+    """It flies as its make shapes it, and wind adds a constant."""
+    estimator, wind = DisturbanceEstimator(), 0.4 - 0.3j
+    estimator.adopt_shaping(SHAPING)
+    rng, v, a = random.Random(5), (0.0, 0.0), (0.0, 0.0)
+    waits = [(0.0, 0.0)] * round(SHAPING.dead_s / STEP_S)
+    estimator.estimate_disturbance((0.0, 0.0), (0.0, 0.0), STEP_S, 3.0)
+    told = (0.0, 0.0)
+    for k in range(400):
+        if k % 15 == 0:
+            told = (rng.uniform(-2.0, 2.0), rng.uniform(-2.0, 2.0))
+        waits.append(told)
+        v, a = follow_shaped(v, a, waits.pop(0), STEP_S, 3.0, SHAPING)
+        estimator.estimate_disturbance(level(complex(*v) + wind), told, STEP_S, 3.0)
+    assert estimator.dead_s == SHAPING.dead_s + DEAD_S
+    assert complex(*estimator.level_mps) == pytest.approx(wind, abs=0.02)
+    place, u, b = 0j, v, a
+    for acts in waits:
+        u, b = follow_shaped(u, b, acts, STEP_S, 3.0, SHAPING)
+        place += (complex(*u) + wind) * STEP_S
+    found = estimator.under_way(STEP_S, 3.0)
+    assert found is not None
+    assert complex(*found[:2]) == pytest.approx(place, abs=1e-6)
+    assert complex(*found[2:]) == pytest.approx(complex(*u) - complex(*v), abs=1e-6)

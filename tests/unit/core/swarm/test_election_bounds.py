@@ -191,16 +191,15 @@ def test_a_roster_begins_with_its_own_vehicle_and_nothing_done() -> None:
     assert roster.flown == 0b100
 
 
-def test_by_default_nobody_is_known_to_be_on_the_ground_and_a_new_leader_has_a_moment() -> None:
+def test_by_default_nobody_is_known_to_be_on_the_ground_and_a_new_leader_has_no_majority() -> None:
     roster = Roster(2, 4)
     roster.mark_launched(0b0111)
     assert roster.missing_peers() == 0b0101
     assert roster.missing_peers(grounded=0b0001) == 0b0100
+    assert not roster.has_quorum(1.0)
+    roster.begin_lead(1.0)  # handed over with
     assert roster.has_quorum(1.0)
-    assert not Roster.has_quorum(roster, 9.0)
-    anew = Roster(2, 4)
-    anew.mark_launched(0b0111)
-    assert not anew.has_quorum(1.0, at_once=True)
+    assert not roster.has_quorum(9.0)
 
 
 @pytest.mark.parametrize(
@@ -224,3 +223,47 @@ def test_nobody_waits_for_those_that_are_excluded(done: int, excluded: int, left
 )
 def test_many_vehicles_are_named_by_the_first_three_and_a_count(vehicles: list[int], words: str) -> None:
     assert list_vehicles(vehicles) == words
+
+
+def test_one_branch_that_has_not_agreed_is_enough_to_wait_for() -> None:
+    own = lease(1, 500, established=True)
+    for agreed in ((False, True), (True, False), (True, True)):
+        election = follower_of(own)
+        heard = [view for one in agreed for view in said(own, 3, agreed=one)]
+        step(election, eligible=False, heard=heard)
+        assert election.agreed is all(agreed)
+
+
+def test_those_that_were_launched_come_to_those_that_flew_before() -> None:
+    roster = Roster(3, 4)
+    roster.mark_airborne()
+    roster.mark_launched(0b0001)
+    roster.mark_launched(0b11110010)
+    assert roster.flown == 0b0111
+    assert Election(9, 0).hop == 0
+
+
+@pytest.mark.parametrize(
+    ("heir", "ends", "age", "inherits"),
+    [(9, 1, 0, True), (9, 1, 2, True), (9, 1, 3, False), (9, 0, 0, False), (8, 1, 0, False)],
+)
+def test_an_heir_has_the_majority_from_the_leader_that_hands_over_to_it(
+    heir: int, ends: int, age: int, *, inherits: bool
+) -> None:
+    election = follower_of(lease(1, 0, established=True, heir=heir, ends=ends))
+    step(election, age, eligible=False)
+    assert election.inherits_quorum(2) is inherits
+    assert not leader_of_long_standing().inherits_quorum(99)
+    assert not Election(9, 0).inherits_quorum(99)
+
+
+def test_a_leader_that_may_not_lead_gives_up_when_its_heir_is_gone_before_its_time() -> None:
+    election = leader_of_long_standing(score=9)
+    for _ in range(30):
+        step(election, score=9, heard=said(election.lease, candidate=Candidate(7, 0, 5)))
+    step(election, 2, eligible=False, heard=said(election.lease, candidate=Candidate(7, 0, 5)))
+    assert election.acts
+    assert election.lease is not None
+    assert election.lease.ends > 0
+    step(election, eligible=False)
+    assert (election.role, election.lease) == (Role.UNLED, None)

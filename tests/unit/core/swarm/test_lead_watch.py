@@ -225,3 +225,25 @@ def test_leaders_own_word_is_its_last_beacon_while_that_is_fresh() -> None:
     watch.note_claim(beacon(1, lease=own), election, 1.0)
     assert watch.find_own_word(1, 1.0 + 0.1 * APART_PERIODS - 1e-6) == own
     assert watch.find_own_word(1, 1.0 + 0.1 * APART_PERIODS + 1e-6) is None
+
+
+def test_where_it_leads_is_what_was_told_last_in_the_first_second() -> None:
+    watch, phases = LeadWatch(MISSION), Phases(MISSION)
+    phases.adopt_phase(SwarmPhase.GATHER, 0.0)
+    watch.find_fault(START, None, phases, 0.0, follows=True)
+    phases.adopt_phase(SwarmPhase.TRANSIT, 1.0)
+    watch.find_fault(START, (0.0, 900.0, 0.0), phases, 1.0, follows=True)  # not so,
+    watch.find_fault(START, FIRST, phases, 1.5, follows=True)  # and taken back
+    beside = add(START, (0.0, 300.0, 0.0))
+    found = [watch.find_fault(beside, None, phases, 3.0 + 0.1 * k, follows=True) for k in range(LEFT_PERIODS + 2)]
+    assert found[-1] == "leaves the way"
+
+
+def test_who_follows_anew_has_all_of_the_periods_anew() -> None:
+    watch, phases = set_out()
+    beside = at(50.0, 200.0)
+    for k in range(LEFT_PERIODS):
+        assert watch.find_fault(beside, None, phases, 2.0 + 0.1 * k, follows=True) == ""
+    assert watch.find_fault(beside, None, phases, 5.0, follows=False) == ""
+    found = [watch.find_fault(beside, None, phases, 5.0 + 0.1 * k, follows=True) for k in range(LEFT_PERIODS + 1)]
+    assert found == [*[""] * LEFT_PERIODS, "leaves the way"]

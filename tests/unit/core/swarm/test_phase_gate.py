@@ -10,6 +10,7 @@ from companion.core.swarm.phases import STUCK_LAND_S, Phases
 from companion.core.swarm.trust.phase_gate import BACK_SHARE, EARLY_S, EARLY_SHARE, HEARD_PERIODS, PhaseGate
 from mission.document.model import Mission
 from tests.unit.core.core_kit import beacon, lease, mission
+from tests.unit.core.ranging_kit import ranging_mission
 
 pytestmark = pytest.mark.sources
 
@@ -264,3 +265,9 @@ def test_a_foul_is_a_step_that_the_mission_does_not_have_now(
     gate.note_position((0.0, 0.0, -8.0), G)
     gate.note_position((130.0, 0.0, -8.0), C)
     assert gate.is_foul(word(LEADER, told, 0, stop=stop), phases, after_s) is foul
+
+
+@pytest.mark.parametrize(("gnss", "turns_back"), [([1, 2, 3], True), ([1, 2, 3, 4], False), ([2, 3, 4], True)])
+def test_a_swarm_of_which_any_may_lose_its_position_may_turn_back(gnss: list[int], *, turns_back: bool) -> None:
+    table = {"gnss": gnss if len(gnss) < 4 else "all", "position_uncertain": "return", "leader_priority": [2, 3]}
+    assert PhaseGate(ranging_mission(swarm=table), ME).may_turn_back is turns_back

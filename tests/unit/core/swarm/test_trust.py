@@ -219,6 +219,17 @@ def test_of_a_part_without_the_majority_another_may_come_to_lead() -> None:
     assert watch.may_lead(3)
 
 
+def test_where_none_led_a_moment_ago_two_may_have_come_to_lead_at_once() -> None:
+    """Found by exploration: one started again claims, and so does the heir that the others know; both have patience."""
+    watch, election = LeadWatch(MISSION), follower_of(lease(1, 500))
+    watch.note_claim(beacon(3, lease=lease(3, 900)), election, 1.0)
+    assert election.receive_lease(lease(1, 501, established=True), 0)
+    second = beacon(3, lease=Lease(3, 901, 0, 10, established=True))
+    assert watch.note_claim(second, election, 1.1)
+    watch.note_claim(beacon(4, lease=lease(1, 530, established=True)), election, 3.9)
+    assert not watch.note_claim(beacon(4, lease=Lease(4, 950, 0, 10, established=True)), election, 4.0)
+
+
 def test_a_relay_cannot_say_that_a_leader_that_is_heard_has_lost_the_majority() -> None:
     trust, election = Trust(MISSION, 5, Priorities(MISSION)), follower_of(lease(1, 500, established=True))
     trust.receive_lease(beacon(1, lease=lease(1, 501, established=True)), election, 1.0)

@@ -9,6 +9,7 @@ import pytest
 from companion.core.guidance.formation import Route
 from companion.core.model.beacon import NO_ROUTE, Candidate, PeerReport
 from companion.core.model.events import Position
+from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.model.vectors import ZERO
 from companion.core.swarm.election import Election
@@ -16,7 +17,7 @@ from companion.core.swarm.phases import Phases
 from companion.core.swarm.picture import Picture
 from companion.core.swarm.priorities import Priorities
 from companion.core.swarm.trust.blocklist import BLOCKED_S, DOUBT_LIMIT, Blocklist, strip_beacon
-from companion.core.swarm.trust.relay_watch import AGAIN_S, PATIENCE_S, Patience
+from companion.core.swarm.trust.relay_watch import AGAIN_S, PATIENCE_S, Patience, find_contradicting
 from companion.core.swarm.trust.trust import PERIODS_BESIDE, PHASE_LIE, PLAIN_LIE, RANGE_STEP_M, Trust
 from tests.unit.core.core_election_kit import follower_of, leader_of_long_standing
 from tests.unit.core.core_kit import BEACON, beacon, lease, mission, neighbour, picture
@@ -250,7 +251,7 @@ def test_a_leader_goes_by_two_of_its_followers() -> None:
         judge.gate.store(beacon(7, phase=SwarmPhase.TRANSIT, lease=own, hop=1), 1.0)
         for k in range(others):
             told = beacon(2 + k, phase=SwarmPhase.COVERAGE, lease=own, hop=1)
-            found = judge.believes_phase(told, leader, phases, 1.0, is_news=False)
+            found = judge.believes_phase(told, leader, phases, 1.0, is_news=True)
         assert found is believed
 
 
@@ -313,3 +314,61 @@ def test_a_short_link_is_one_by_the_missions_range() -> None:
     judge, holds = trust(), [neighbour(3, (9.0, 0.0, 0.0), governor=0.0)]
     judge.filter_followers(holds, 0.0)
     assert judge.filter_followers(holds, PATIENCE_S + 0.1) == []
+
+
+def test_whether_it_is_back_the_gate_judges_by_the_own_odometry() -> None:
+    phases, judge, election = Phases(MISSION), trust(), follower_of(OWN)
+    phases.adopt_phase(SwarmPhase.GATHER, 0.0)
+    judge.run_period(own_picture(0.0), election, phases, is_held=False)
+    for phase in (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE, SwarmPhase.RETURN):
+        phases.adopt_phase(phase, 1.0)
+    judge.run_period(own_picture(1.0, (120.0, 0.0, 0.0)), election, phases, is_held=False)
+    assert not judge.gate.is_possible(SwarmPhase.LAND, 0, phases, 2.0)
+    judge.run_period(own_picture(2.0, (5.0, 0.0, 0.0)), election, phases, is_held=False)
+    assert judge.gate.is_possible(SwarmPhase.LAND, 0, phases, 2.0)
+
+
+def test_of_three_vehicles_one_is_doubted_at_most() -> None:
+    blocked = Blocklist(3)
+    for vehicle in (2, 3):
+        blocked.note_doubt(vehicle, "lies", DOUBT_LIMIT, 1.0)
+    assert (blocked.has(2), blocked.has(3)) == (True, False)
+
+
+def test_all_that_are_blocked_are_told_as_bits() -> None:
+    blocked = Blocklist(7)
+    blocked.block(2, "lies")
+    blocked.block(7, "lies")
+    blocked.note_doubt(5, "lies", DOUBT_LIMIT, 1.0)
+    assert blocked.bits() == 0b1010010
+
+
+def test_of_three_without_the_leader_the_one_that_is_off_their_middle_is_doubted() -> None:
+    def at(vehicle: int, ref_mps: float, dest_m: float) -> Neighbour:
+        return neighbour(
+            vehicle,
+            (9.0, float(vehicle), 0.0),
+            route_cost=1.0,
+            ref_ned_mps=(ref_mps, 0.0, 0.0),
+            dest_ned_m=(dest_m, 0.0, 0.0),
+            lease=OWN,
+        )
+
+    for refs, dests, false in (((3.0, 3.0, 9.0), (50.0, 50.0, 50.0), 4), ((3.0, 3.0, 3.0), (50.0, 90.0, 50.0), 3)):
+        others = tuple(at(2 + k, refs[k], dests[k]) for k in range(3))
+        assert find_contradicting(Route(2.0, 2, 9.0, others), others, LEADER) == false
+
+
+def test_a_leader_whose_phase_was_foul_is_believed_again_a_minute_after() -> None:
+    phases = Phases(MISSION)
+    for phase in (SwarmPhase.GATHER, SwarmPhase.TRANSIT):
+        phases.adopt_phase(phase, 0.0)
+    judge, election = trust(), follower_of(OWN)
+    for _ in range(20):
+        told = beacon(LEADER, phase=SwarmPhase.RETURN, lease=OWN)
+        judge.believes_phase(told, election, phases, 5.0, is_news=True)
+    assert judge.blocklist.has(LEADER)
+    judge.blocklist.fade(5.0 + BLOCKED_S)
+    assert judge.blocklist.has(LEADER)
+    judge.blocklist.fade(5.1 + BLOCKED_S)
+    assert not judge.blocklist.has(LEADER)

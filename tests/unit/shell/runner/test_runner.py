@@ -153,20 +153,39 @@ def test_a_flooded_link_is_read_again_before_the_kernels_queue_is_full(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """500 datagrams in 50 ms are more than it keeps: what is genuine was lost with the rest."""
+    soon = runner_module.FLOOD_WAIT_S
+    waited_s = waits_while(bench, monkeypatch, [65, 3, 2], 35)
+    few = round(runner_module.FLOOD_OVER_S / soon) + 1  # and then it is over
+    assert waited_s[:2] == pytest.approx([0.0, soon])
+    assert max(waited_s[1 : few - 1]) <= soon + 1e-9
+    assert max(waited_s[few:]) == pytest.approx(0.05)
+    assert bench.ticks_s[:3] == [1000.0, 1000.05, 1000.1]
+
+
+def test_a_flood_that_comes_in_bursts_is_not_over_in_between(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """250 datagrams of 4 KiB are all that the kernel keeps: a sleep of 50 ms lost a fifth of them."""
+    waited_s = waits_while(bench, monkeypatch, [65] + [0, 0, 25] * 100, 300)
+    assert max(waited_s) <= runner_module.FLOOD_WAIT_S + 1e-9
+
+
+def test_few_datagrams_wait_for_the_tick(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert waits_while(bench, monkeypatch, [64] * 20, 20)[1:] == pytest.approx([0.05] * 19)
+
+
+def waits_while(bench: Bench, monkeypatch: pytest.MonkeyPatch, comes: list[int], waits: int) -> list[float]:
+    """How long it waits each time while so many datagrams come."""
     waited_s: list[float] = []
-    comes = iter([65, 3, 2, 58, 65])
+    coming = iter(comes)
 
     def select_and_note(*arguments: Any) -> None:
         waited_s.append(arguments[3])
         bench.select(*arguments)
-        bench.peers.arriving.extend([b"flood"] * next(comes, 0))
+        bench.peers.arriving.extend([b"flood"] * next(coming, 0))
 
     monkeypatch.setattr(runner_module, "select", SimpleNamespace(select=select_and_note))
-    bench.waits_left = 6
+    bench.waits_left = waits
     bench.runner.by_monotonic()
-    soon = runner_module.FLOOD_WAIT_S
-    assert waited_s == pytest.approx([0.0, soon, soon, 0.05 - 2 * soon, 0.05, soon])
-    assert bench.ticks_s == [1000.0, 1000.05, 1000.1]
+    return waited_s
 
 
 def test_dear_datagrams_of_a_radio_take_no_turns_of_the_autopilots(bench: Bench) -> None:
