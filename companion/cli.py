@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from companion import help_texts
+from companion.journal.options import add_black_box_option, add_replay_command
 from companion.keys.options import add_key_commands
 from companion.lidar.options import MODEL_NAMES, RAW_NAMES, parse_band, parse_mask
 from companion.order.options import add_order_commands
@@ -61,11 +62,7 @@ def build_parser() -> argparse.ArgumentParser:
         help="this vehicle's number, 1 to the mission's swarm.size; also its autopilot's MAVLink system id",
     )
     run.add_argument(
-        "--autopilot",
-        required=True,
-        type=_url(AUTOPILOT_SCHEMES),
-        metavar="URL",
-        help="link to the autopilot",
+        "--autopilot", required=True, type=_url(AUTOPILOT_SCHEMES), metavar="URL", help="link to the autopilot"
     )
     run.add_argument(
         "--peers", required=True, type=_url(PEERS_SCHEMES), metavar="URL", help="link to the other companions"
@@ -93,6 +90,8 @@ def build_parser() -> argparse.ArgumentParser:
         help="database of what is measured, of a mission with [survey]; a companion that starts again goes on with it; "
         "default: beside the flight log, or in $STATE_DIRECTORY, one for each mission and vehicle",
     )
+    add_black_box_option(run)
+    add_replay_command(commands)
     _add_preflight(commands)
     _add_doctor(commands)
     _add_watch(commands)
@@ -296,6 +295,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         from companion.doctor import doctor
 
         return doctor(arguments)
+    if arguments.command == "replay":
+        from companion.journal.command import replay
+
+        return replay(arguments)
     if arguments.command == "watch":
         from companion.watch.command import watch
 

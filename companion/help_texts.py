@@ -185,6 +185,10 @@ EXAMPLES = {
         "companion run --mission forest.toml --id 1 --autopilot udpin://127.0.0.1:14540 \\\n"
         "      --peers udpbcast://127.255.255.255:14660 --clock vehicle --waive all --unsigned",
     ),
+    "replay": (
+        "companion replay /var/lib/understory/black-box",
+        "companion replay runs/my-flight/black-box/vehicle-3-flight-0001-0001.mcap --from 40 --to 42 --ticks",
+    ),
     "preflight": (
         "companion preflight --mission forest.toml --id 3 --autopilot serial:///dev/ttyAMA0:921600",
         "companion preflight --mission forest.toml --id 3 --autopilot serial:///dev/ttyAMA0:921600 \\\n"

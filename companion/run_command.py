@@ -13,12 +13,14 @@ from contextlib import ExitStack
 from datetime import UTC, datetime
 from pathlib import Path
 
+from companion.journal.recorder import BlackBox, Recorder, start_body
 from companion.keys.key_file import KeyFileError
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.framing.frames import DATAGRAM_MAX_BYTES
 from companion.mavlink.harvest import RecordLink
-from companion.preflight.report import clearance
+from companion.preflight.report import Clearance, clearance
 from companion.sensors.table import SENSORS, sensors_of
+from companion.shell.box.opening import box_folder, open_black_box, read_mission_file
 from companion.shell.flight_log import ChangeLogger, FlightLog, summary
 from companion.shell.links import RECV_BYTES, Link, LinkError, open_link
 from companion.shell.radio_keys import NoKeyError, RadioKeys, choose_key, open_keys
@@ -136,6 +138,12 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
             f"the mission has [survey], which needs {error.name}: pip install 'understory-uav[survey]'",
         ) from None
     radio = _radio_keys(key, arguments, mission, opened)
+    records = _records(arguments, mission, opened, log)
+    needs = (SIGNING,) if arguments.sign_autopilot else ()
+    cleared = clearance(
+        arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time(), needs=needs
+    )
+    box = _black_box(arguments, mission, cleared, radio)
     endpoint = Endpoint(
         mission,
         arguments.id,
@@ -143,21 +151,18 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
         autopilot_is_stream=arguments.autopilot.scheme is Scheme.SERIAL,
         sensor_streams={name: url.scheme is Scheme.SERIAL for name, url in urls.items()},
         survey=survey,
-        records=_records(arguments, mission, opened, log),
-        guard=radio.guard,
-        orders=radio.orders,
-        autopilot_gate=radio.autopilot_gate,
-    )
-    needs = (SIGNING,) if arguments.sign_autopilot else ()
-    cleared = clearance(
-        arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time(), needs=needs
+        records=records if box is None else box.record_link(records),
+        guard=radio.guard if box is None else box.record_guard(radio.guard),
+        orders=radio.orders if box is None else box.record_orders(radio.orders),
+        autopilot_gate=radio.autopilot_gate if box is None else box.record_gate(radio.autopilot_gate),
     )
     endpoint.agent.ground(cleared.grounded)
     endpoint.agent.waive(",".join(cleared.waived), cleared.unknown, unsigned=key is None)
-    changes = ChangeLogger(log, endpoint, autopilot, peers, sensors)
+    recorder = None if box is None else box.record_endpoint(endpoint)
+    changes = ChangeLogger(log, endpoint, autopilot, peers, sensors, (recorder or endpoint).report_surroundings)
     service = Service(os.environ, os.getpid())
     opened.callback(service.close)
-    runner = Runner(endpoint, autopilot, peers, changes, stop, service, sensors)
+    runner = Runner(endpoint, autopilot, peers, changes, stop, service, sensors, recorder)
     log.line(None, _start_line(arguments, mission))
     for line in radio.lines:
         log.line(None, line)
@@ -178,14 +183,16 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     gc.freeze()  # what is there now stays: later collections need not look at it
     try:
         if by_vehicle:
-            runner.by_vehicle(endpoint.hello())
+            runner.by_vehicle((recorder or endpoint).hello())
         else:
             runner.by_monotonic()
     except Exception:  # noqa: BLE001  not swallowed: the process ends here, and setpoints with it
         log.broken(runner.now_s, traceback.format_exc())
+        _close(recorder, "broken", changes, runner)
         return EXIT_BROKEN
     service.stopping()
     changes.log_records(runner.now_s)
+    _close(recorder, f"stopped by {stop.reason}", changes, runner)
     log.line(
         runner.now_s,
         f"stopped by {stop.reason}, nothing is commanded any more; ticks {runner.ticks}, "
@@ -225,6 +232,46 @@ def _records(arguments: argparse.Namespace, mission: Mission, opened: ExitStack,
     records = records_of(mission, arguments.id, path, opened, mission_file=mission_file, beside_loop=beside_loop)
     log.line(None, f"records in {path}: {records.progress()}")
     return records
+
+
+def _black_box(
+    arguments: argparse.Namespace, mission: Mission, cleared: Clearance, radio: RadioKeys
+) -> BlackBox | None:
+    """A black box, where one is asked for, or the service has a place for it. No disk keeps a flight from starting."""
+    folder = box_folder(arguments.black_box)
+    if folder is None:
+        return None
+    text, sha256 = read_mission_file(arguments.mission)
+    urls: dict[str, Url] = arguments.sensors
+    start = start_body(
+        mission,
+        text,
+        sha256,
+        arguments.id,
+        sensors=[name for name, kind in SENSORS.items() if kind.is_flown(mission)],
+        clock=arguments.clock,
+        started=datetime.now(UTC),
+        autopilot_is_stream=arguments.autopilot.scheme is Scheme.SERIAL,
+        sensor_streams={name: url.scheme is Scheme.SERIAL for name, url in urls.items()},
+        has_survey=mission.survey is not None,
+        has_records=mission.survey is not None,
+        grounded=cleared.grounded,
+        waived=",".join(cleared.waived),
+        unknown=cleared.unknown,
+        unsigned=radio.guard is None,
+        guard=radio.guard,
+        orders=radio.orders,
+        autopilot_signed=radio.autopilot_gate is not None,
+    )
+    return open_black_box(folder, start, beside_loop=arguments.clock == "monotonic")
+
+
+def _close(recorder: Recorder | None, why: str, changes: ChangeLogger, runner: Runner) -> None:
+    """The end of the black box; its last link, so that nobody can write another log that ends so."""
+    if recorder is not None:
+        recorder.close(why)
+        head = f"black box: {recorder.journal.ticks} ticks, head of the chain {recorder.journal.link.hex()}"
+        changes.log_lines(runner.now_s, [*recorder.take_lines(), head])
 
 
 def _start_line(arguments: argparse.Namespace, mission: Mission) -> str:

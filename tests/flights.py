@@ -45,6 +45,7 @@ def flown(
     programs: Mapping[int, Sequence[str]] = MappingProxyType({}),
     entrant: Entrant = BY_OURS,
     keys: FleetKeys | None = None,
+    black_box: bool = False,
 ) -> tuple[fly.Outcome, str]:
     """The outcome, and what a person saw."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -60,5 +61,6 @@ def flown(
             programs=programs,
             entrant=entrant,
             keys=keys,
+            black_box=black_box,
         )
     return outcome, shown.getvalue()

@@ -15,7 +15,7 @@ from companion.core.model.actions import Action, Say, SendBeacon, SendOdometry, 
 from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import Event, HeardBeacon, OperatorOrder, Position, Ranges, Satellites, Scan
 from companion.core.model.stand import StandMeasured
-from companion.core.model.states import NOT_YET_FLYING, FlightState, Order, Role, Severity, SwarmPhase
+from companion.core.model.states import NOT_YET_FLYING, BeaconFate, FlightState, Order, Role, Severity, SwarmPhase
 from companion.core.model.vectors import ZERO, add
 from companion.core.perception.obstacle_cloud import find_hovering
 from companion.core.perception.obstacle_perception import build_perception
@@ -89,7 +89,7 @@ class Agent:
         """Store one event; `now_s` is its local time of arrival."""
         match event:
             case HeardBeacon():
-                self._receive_beacon(event, now_s)
+                self.receive_beacon(event, now_s)
             case OperatorOrder():
                 self._obey(event)
             case StandMeasured():
@@ -110,6 +110,19 @@ class Agent:
                     self.perception.integrate_scan(event, self.own_position.find_motion(own), now_s, neighbours)
             case _:
                 self.flight.receive(event, now_s)
+
+    def receive_beacon(self, heard: HeardBeacon, now_s: float) -> BeaconFate:
+        """As `receive`, of a beacon; whether it counts."""
+        own, sender = self.flight.vehicle.position, heard.said.sender
+        if own is None or sender == self.id or not self.swarm.has(sender):
+            return BeaconFate.UNPLACED if own is None else BeaconFate.NO_MEMBER
+        heard = self.own_position.locate_sender(heard)
+        said = self.swarm.sanitise_beacon(heard.said, now_s)
+        heard = heard if said is heard.said else HeardBeacon(said, heard.rel_ned_m)
+        if not self.localiser.receive_beacon(heard, own.pos_ned_m, now_s):
+            return BeaconFate.NO_NEWS
+        self.swarm.receive_beacon(said, now_s)
+        return BeaconFate.KEPT
 
     def tick(self, now_s: float) -> list[Action]:
         """Decide: what to send to the neighbours, to the autopilot and to the operator."""
@@ -277,17 +290,6 @@ class Agent:
             setpoint_ned_mps=self.setpoint.vel_ned_mps,
         )
 
-    def _receive_beacon(self, heard: HeardBeacon, now_s: float) -> None:
-        own, sender = self.flight.vehicle.position, heard.said.sender
-        if own is None or sender == self.id or not self.swarm.has(sender):
-            return
-        heard = self.own_position.locate_sender(heard)
-        said = self.swarm.sanitise_beacon(heard.said, now_s)
-        if said is not heard.said:
-            heard = HeardBeacon(said, heard.rel_ned_m)
-        if self.localiser.receive_beacon(heard, own.pos_ned_m, now_s):
-            self.swarm.receive_beacon(said, now_s)
-
     def _obey(self, event: OperatorOrder) -> None:
         self._says += self.swarm.operator.obey(event.order)
         if event.order is Order.START and self.flight.grounded:
@@ -342,13 +344,11 @@ class Agent:
 
     def _observe_surroundings(self, picture: Picture) -> Surroundings:
         """The surroundings of a vehicle that is steered: once a tick, as wind is estimated from one to the next."""
-        reported = self.flight.vehicle.position
-        assert reported is not None
-        own, bias = self.own_position.find_motion(reported), self.own_position.setpoint_bias_ned_mps
+        vehicle = self.flight.vehicle
+        assert vehicle.position is not None
+        own, bias = self.own_position.find_motion(vehicle.position), self.own_position.setpoint_bias_ned_mps
         off_ned_m, commanded = self.localiser.offset_ned_m, self.setpoint.vel_ned_mps
-        disturbance = self.disturbances.observe_disturbance(
-            own, add(commanded, bias), TICK_S, self.flight.vehicle.shaping
-        )
+        disturbance = self.disturbances.observe_disturbance(own, add(commanded, bias), TICK_S, vehicle.shaping)
         placed_ned_m = own.pos_ned_m if off_ned_m == ZERO else add(own.pos_ned_m, off_ned_m)
         return Surroundings(
             own,

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final, assert_never
 
@@ -17,7 +16,7 @@ from companion.core.model.actions import Action, Ask, Say, SendBeacon, SendOdome
 from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import Answer, AutopilotMode, Event, LidarScan
 from companion.core.model.stand import StandMeasured
-from companion.core.model.states import Role, Severity
+from companion.core.model.states import BeaconFate, Role, Severity
 from companion.core.stages import FLIGHT_STAGES, StageFactory
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
@@ -25,6 +24,7 @@ from companion.mavlink.beacon import Decoded
 from companion.mavlink.codec import Codec
 from companion.mavlink.framing import texts, wire
 from companion.mavlink.framing.frames import Framing, Incoming
+from companion.mavlink.framing.outbox import Outbox
 from companion.mavlink.framing.signing import Gate
 from companion.mavlink.harvest import GuardedSurvey, RecordLink, Survey
 from companion.mavlink.orders.book import OrderBook
@@ -57,26 +57,6 @@ FROM_AUTOPILOT = frozenset(
     }
 )
 DATAGRAMS: Final[Mapping[str, bool]] = MappingProxyType({})
-
-
-@dataclass(slots=True, init=False)
-class Outbox:
-    """Output of one tick: one datagram's worth for each link (empty: nothing), and what was said, for the log."""
-
-    autopilot: bytes
-    peers: bytes
-    said: list[Say]
-    sensor: bytes  # a HEARTBEAT, by which a driver that waits for one learns this end's address
-    records: list[bytes]  # to the peers, each a datagram, after `peers`: orders, and records
-
-    def __init__(
-        self, autopilot: bytes = b"", peers: bytes = b"", said: list[Say] | None = None, sensor: bytes = b""
-    ) -> None:
-        self.autopilot = autopilot
-        self.peers = peers
-        self.said = [] if said is None else said
-        self.sensor = sensor
-        self.records = []
 
 
 class Endpoint:
@@ -147,6 +127,7 @@ class Endpoint:
         self._heartbeat_s: float | None = None
         self._synced_s: float | None = None
         self._replies: deque[Any] = deque(maxlen=REPLIES_LIMIT)  # messages; an int: a TIMESYNC request's ts1
+        self._heard: dict[tuple[int, BeaconFate], int] = {}  # as in Outbox, since the last tick
         self._foreign: set[int] = set()  # autopilots of other vehicles heard on this link
 
     @property
@@ -199,16 +180,19 @@ class Endpoint:
                 case RelativeReport():
                     self.agent.receive(word, now_s)
                 case sender, decoded:
-                    self._receive_beacon(sender, decoded, now_s)
+                    key = sender, self._receive_beacon(sender, decoded, now_s)
+                    self._heard[key] = self._heard.get(key, 0) + 1
         if self.peers.guard.cloned and not self.agent.flight.grounded:
             self.agent.ground(f"another companion flies as vehicle {self.id}")
 
-    def _receive_beacon(self, sender: int, decoded: Decoded, now_s: float) -> None:
+    def _receive_beacon(self, sender: int, decoded: Decoded, now_s: float) -> BeaconFate:
         beacon = self.codec.beacon(decoded)
         if beacon is not None:
-            self.agent.receive(beacon, now_s)
-        elif decoded.version != swarm_beacon.VERSION:
-            self._tell_version(sender, decoded.version)
+            return self.agent.receive_beacon(beacon, now_s)
+        if decoded.version == swarm_beacon.VERSION:
+            return BeaconFate.INVALID
+        self._tell_version(sender, decoded.version)
+        return BeaconFate.VERSION
 
     def _tell_version(self, sender: int, version: int) -> None:
         """Once for each vehicle of this swarm: it is not kept clear of."""
@@ -280,7 +264,7 @@ class Endpoint:
 
     def tick(self, now_s: float) -> Outbox:
         """One tick of the agent; its setpoint comes after its requests, and TIMESYNC answers last."""
-        out = Outbox()
+        out, self._heard = Outbox(heard=self._heard), {}
         pack = self._to_autopilot.pack
         to_autopilot: list[bytes] = []
         to_peers: list[bytes] = []

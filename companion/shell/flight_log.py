@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import select
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 
 from companion.core.model.actions import Say, brief
@@ -65,9 +65,16 @@ class ChangeLogger:
     """Notices changes of one companion, and logs them."""
 
     def __init__(
-        self, log: FlightLog, endpoint: Endpoint, autopilot: Link, peers: Link, sensors: Mapping[str, Link] = NO_LINKS
+        self,
+        log: FlightLog,
+        endpoint: Endpoint,
+        autopilot: Link,
+        peers: Link,
+        sensors: Mapping[str, Link] = NO_LINKS,
+        report: Callable[[Say], None] | None = None,
     ) -> None:
-        """`sensors`: links to drivers, by the sensor's name."""
+        """`sensors`: links to drivers, by the sensor's name. `report`: takes what is to be told, else the endpoint."""
+        self._recorded = report
         self._log = log
         self._endpoint = endpoint
         self._autopilot = autopilot
@@ -121,6 +128,11 @@ class ChangeLogger:
                 self._log.line(now_s, f"{of} connected" if up else f"{of} lost: retrying")
                 self._up[of] = up
 
+    def log_lines(self, now_s: float | None, lines: Sequence[str]) -> None:
+        """Log what others have to say."""
+        for line in lines:
+            self._log.line(now_s, line)
+
     def status_line(self) -> str:
         """The flight at a glance. The installer reads the state: no upgrade of a vehicle in the air."""
         leader = "none" if self._leader is None else f"vehicle {self._leader}"
@@ -155,14 +167,15 @@ class ChangeLogger:
 
     def _tell_flood(self, now_s: float, text: str, is_over: bool) -> None:
         """To the operator, and so with the next tick to this log; which beacons arrive, at once."""
-        self._endpoint.report_surroundings(Say(Severity.NOTICE if is_over else Severity.WARNING, brief(text)))
+        report = self._recorded or self._endpoint.report_surroundings
+        report(Say(Severity.NOTICE if is_over else Severity.WARNING, brief(text)))
         shares = {one.beacon.sender: one.share for one in self._endpoint.agent.localiser.neighbours}
         if is_over or not shares:
             return
         share, vehicle = min((share, vehicle) for vehicle, share in shares.items())
         if share < FEW:
             lost = f"beacons lost: {100.0 * share:.0f} % of vehicle {vehicle}'s arrive"
-            self._endpoint.report_surroundings(Say(Severity.WARNING, lost))
+            report(Say(Severity.WARNING, lost))
         each = ", ".join(f"{vehicle} {100.0 * share:.0f} %" for vehicle, share in sorted(shares.items()))
         self._log.line(now_s, f"beacons that arrive: {each}")
 

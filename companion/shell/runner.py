@@ -18,6 +18,7 @@ from types import FrameType, TracebackType
 from typing import Any, Self
 
 from companion.core.agent import TICK_S
+from companion.journal.recorder import Recorder
 from companion.mavlink import dialect
 from companion.mavlink.codec import TIME_LIMIT_NS
 from companion.mavlink.endpoint import Endpoint
@@ -80,9 +81,12 @@ class Runner:
         stop: Stop,
         service: Service,
         sensors: Mapping[str, Link],
+        recorder: Recorder | None = None,
     ) -> None:
-        """`sensors`: links to drivers, by the sensor's name."""
+        """`sensors`: links to drivers, by the sensor's name. `recorder`: stands before the endpoint."""
         self.endpoint = endpoint
+        self._recorder = recorder
+        self._inputs: Endpoint | Recorder = recorder or endpoint  # takes what comes, and ticks
         self.now_s: float | None = None  # of the clock in use, at the last tick
         self.ticks = 0
         self.missed = 0  # ticks that were skipped
@@ -140,11 +144,11 @@ class Runner:
 
     def _from_vehicle(self, data: bytes, clock: VehicleClock) -> None:
         """Neighbours and sensor, then the autopilot, all at the time of the request in `data`: as in one process."""
-        messages = self.endpoint.read_autopilot(data)
+        messages = self._inputs.read_autopilot(data)
         has_request = clock.peek(messages)
         if has_request:
             self._drain_others(clock.now_s)
-        self.endpoint.autopilot_says(messages, clock.now_s)
+        self._inputs.autopilot_says(messages, clock.now_s)
         if clock.advanced():
             if not has_request:
                 self._drain_others(clock.now_s)
@@ -168,7 +172,7 @@ class Runner:
 
         Not of equal datagrams: the autopilot's would wait for as many of the dearest that a radio can be sent.
         """
-        turns = [_Turns(self._autopilot, self.endpoint.from_autopilot), *starmap(_Turns, self._others())]
+        turns = [_Turns(self._autopilot, self._inputs.from_autopilot), *starmap(_Turns, self._others())]
         most = 0  # datagrams of one link
         began_s = time.monotonic()
         while turns:
@@ -196,8 +200,8 @@ class Runner:
 
     def _others(self) -> list[tuple[Link, Callable[[bytes, float], None]]]:
         """The links but the autopilot's, and what takes the bytes of each."""
-        sensors = [(link, partial(self.endpoint.from_sensor, link=name)) for name, link in self._sensors.items()]
-        return [(self._peers, self.endpoint.from_peers), *sensors]
+        sensors = [(link, partial(self._inputs.from_sensor, link=name)) for name, link in self._sensors.items()]
+        return [(self._peers, self._inputs.from_peers), *sensors]
 
     def _drain_others(self, now_s: float) -> None:
         for link, receive in self._others():
@@ -208,7 +212,7 @@ class Runner:
                 receive(data, now_s)
 
     def _tick(self, now_s: float) -> None:
-        out = self.endpoint.tick(now_s)
+        out = self._inputs.tick(now_s)
         if out.peers:
             self._peers.send(out.peers)
         for datagram in out.records:
@@ -220,6 +224,8 @@ class Runner:
         self.now_s = now_s
         self.ticks += 1
         self._changes.log_changes(now_s, out.said)
+        if self._recorder is not None:
+            self._changes.log_lines(now_s, self._recorder.take_lines())
 
 
 class _Turns:

@@ -15,7 +15,6 @@ from companion.core.model.states import SwarmPhase
 from companion.core.stages import StageFactory
 from companion.mavlink import dialect
 from companion.mavlink.beacon import Reader
-from companion.mavlink.peers.session import BASE_ID
 from mission.document.load import dump_mission
 from mission.document.model import Mission
 from mission.schema.faults import FaultKind
@@ -27,8 +26,9 @@ from sim_bridge.drive.garbage import collect_less
 from sim_bridge.drive.interrupts import no_more_interrupts
 from sim_bridge.drive.live.live import Live
 from sim_bridge.drive.lockstep.airframes_made import counted
+from sim_bridge.drive.lockstep.black_box import FOLDER_NAME, MakesBox, boxes_of
 from sim_bridge.drive.lockstep.fleet_keys import FleetKeys, key_files
-from sim_bridge.drive.lockstep.harvest import Harvest, describe_records
+from sim_bridge.drive.lockstep.harvest import Harvest, describe_records, harvest_of
 from sim_bridge.drive.lockstep.lockstep import Companion, CompanionLostError, InProcess, Lockstep
 from sim_bridge.drive.lockstep.processes import Launcher, RadioSocket
 from sim_bridge.drive.operator import Operator, SignedOperator, operator_order
@@ -244,6 +244,7 @@ def fly(
     live: Live | None = None,
     entrant: Entrant = BY_OURS,
     keys: FleetKeys | None = None,
+    black_box: bool = False,
 ) -> Outcome:
     """Fly `mission` (with an origin) into the empty `folder`. `factor`: times real time, None as fast as it goes.
 
@@ -252,7 +253,7 @@ def fly(
     `watch` is called after every tick: a test or a benchmark may interfere there. `programs`: what to start as
     `companion` for a vehicle, where it is not this installation's. `live`: where it is watched, at its own pace.
     `keys`: sign the radio. KeyboardInterrupt ends the flight, not the report. Raises AirframeError without jsbsim,
-    MissionError for a stem map that is not in `folder`.
+    MissionError for a stem map that is not in `folder`. `black_box`: each companion keeps one in `folder`.
     """
     if folder is not None:
         (folder / MISSION_NAME).write_text(dump_mission(mission), encoding="utf-8")
@@ -272,10 +273,11 @@ def fly(
         world = World(mission, make, links=LINKS, stand=stand)
         lost_early: list[CompanionLostError] = []
         companions: list[Companion] = []
-        harvest = _harvest(mission, world, folder, stack, keys)
+        harvest = harvest_of(mission, world, folder, stack, None if keys is None else keys.guard)
         if forks is None or folder is None:
             beacons = Reader(world.frame, remembers=BEACONS_REMEMBERED)
-            start: Callable[[int], Companion] = partial(_in_process, mission, beacons, stages, harvest, keys)
+            boxes = boxes_of(mission, folder if black_box else None, entrant.note())
+            start: Callable[[int], Companion] = partial(_in_process, mission, beacons, stages, harvest, keys, boxes)
             companions += [start(k) for k in world.vehicles]
         else:
             radio = RadioSocket()
@@ -286,7 +288,11 @@ def fly(
                 stack.callback(drivers.close)
             logs = folder / "companions"
             logs.mkdir()
-            files = _records_file(harvest), key_files(keys, folder / "keys")
+            files = (
+                _records_file(harvest),
+                key_files(keys, folder / "keys"),
+                folder / FOLDER_NAME if black_box else None,
+            )
             links = Launcher(folder / MISSION_NAME, logs, radio, forks, programs, drivers, sensor, *files)
             start = links.start_again
             companions += links.launch(
@@ -336,18 +342,6 @@ def fly(
         )
 
 
-def _harvest(
-    mission: Mission, world: World, folder: Path | None, stack: ExitStack, keys: FleetKeys | None
-) -> Harvest | None:
-    """The records, of a mission that surveys."""
-    if mission.survey is None:
-        return None
-    guard = None if keys is None else keys.guard(BASE_ID)
-    harvest = Harvest(mission, world.stand, world.radio, folder, guard)
-    stack.callback(harvest.close)
-    return harvest
-
-
 def _records_file(harvest: Harvest | None) -> Callable[[int], Path | None]:
     return (lambda _vehicle_id: None) if harvest is None else harvest.path
 
@@ -358,13 +352,16 @@ def _in_process(
     stages: StageFactory,
     harvest: Harvest | None,
     keys: FleetKeys | None,
+    boxes: MakesBox,
     vehicle_id: int,
 ) -> InProcess:
     """A companion in this process, with the disk that its vehicle has."""
     records = None if harvest is None else harvest.open(vehicle_id)
     disk = None if harvest is None else harvest.disks[vehicle_id]
+    guard, orders = (None, None) if keys is None else (keys.guard(vehicle_id), keys.orders(vehicle_id))
+    box = boxes(vehicle_id, guard, orders)
     one = partial(InProcess, mission, vehicle_id, beacons=beacons, stages=stages, records=records, disk=disk)
-    return one() if keys is None else one(guard=keys.guard(vehicle_id), orders=keys.orders(vehicle_id))
+    return one(guard=guard, orders=orders, box=box)
 
 
 def _run(

@@ -147,6 +147,7 @@ def _fly(
         live=live,
         entrant=entrant,
         keys=FleetKeys(mission) if args.signed else None,
+        black_box=args.black_box,
     )
 
 
@@ -177,7 +178,7 @@ def _external(args: argparse.Namespace) -> ExternalAutopilots | None:
         url = parse_url(args.autopilots)
     except ValueError as error:
         raise StartError(f"--autopilots {error}", EXIT_BAD_FILE) from None
-    return ExternalAutopilots(url, args.launch, args.first_port or 0)
+    return ExternalAutopilots(url, args.launch, args.first_port or 0, args.black_box)
 
 
 def _entrant(args: argparse.Namespace) -> Entrant:

@@ -19,6 +19,7 @@ from sim_bridge.judge import page, run_folder
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import Metrics, measure
 from sim_bridge.judge.outcome import print_figures
+from sim_bridge.judge.page.black_boxes import box_lines, box_section, read_boxes
 from sim_bridge.judge.page.replay import Verdict, replay
 from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.recording import Recording
@@ -66,13 +67,16 @@ def run(args: argparse.Namespace) -> int:
         with signs.working("measuring the flight"):
             flight = judged(folder)
         with signs.working("writing its replay"):
-            text = page.page(flight.document(), flight.title)
+            boxes = read_boxes(folder)
+            text = page.page(flight.document(), flight.title, box_section(boxes))
     file: Path = args.out or folder / page.PAGE_NAME
     run_folder.write(file, text.encode())
     if args.json:
         print(json.dumps(flight.figures))
     else:
         print_figures({key: value for key, value in flight.figures.items() if key != "verdict"})
+        for line in box_lines(boxes):
+            print(f"  {line}")
         print(f"  replay                         {file}")
         if flight.verdict.text is not None:
             print(flight.verdict.text)

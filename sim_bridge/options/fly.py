@@ -75,6 +75,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     external.add_argument(
         "--first-port", type=int, metavar="P", help=f"vehicle 1's {PORT_FIELD}, then counting up (free ones)"
     )
+    parser.add_argument(
+        "--black-box",
+        action="store_true",
+        help="each companion records every input and output in the run folder's black-box/, for `companion replay`",
+    )
     parser.add_argument("--out", type=Path, metavar="DIR", help="run folder, new or empty (default: under runs/)")
     parser.add_argument("-v", "--verbose", action="store_true", help="print all figures, not only the verdict")
     parser.add_argument("--json", action="store_true", help="metrics.json's content on standard output")

@@ -21,6 +21,7 @@ from companion.core.model.states import SwarmPhase
 from sim_bridge.judge.progress import Progress
 from tests.bench import (
     bad_radio,
+    black_box,
     defences,
     encounters,
     floods,
@@ -63,6 +64,7 @@ from tests.unit.core.core_election_net import acting_within, failover_within, ov
 # Benchmarks with options of their own.
 PROGRAMS = {
     "bad-radio": bad_radio.main,
+    "black-box": black_box.main,
     "defences": defences.main,
     "encounters": encounters.main,
     "hashes": hashes.main,
@@ -330,6 +332,7 @@ ABOUT = {
     "records": "records: how many reach the base station, how soon, and what beacons lose by it",
     "robustness": "kills, partitions, wrong estimates, late telemetry: does the swarm arrive (--only ...)",
     "planted-defects": "after how many flights sim-bridge search finds a defect that is put into a copy",
+    "black-box": "faulted flights replayed bit for bit, and the cost of recording: see black-box --help",
     "encounters": "two vehicles that do not hear each other meet: how near they come: see encounters --help",
     "orders": "orders of the operator's key, forged, replayed, in floods, and how fast one spreads: see orders --help",
     "floods": "datagrams of 64 KiB, and 10,000 a second on each link: CPU, gaps between setpoints, beacons lost",

@@ -117,6 +117,17 @@ class Order(Enum):
     ABORT = "abort"  # every vehicle lands where it is, now; cannot be taken back
 
 
+class BeaconFate(Enum):
+    """Fate of a neighbour's beacon that the gate admits, as the black box has it."""
+
+    KEPT = "kept"
+    VERSION = "of another version"
+    INVALID = "a value out of bounds, or the own position unknown"
+    UNPLACED = "own position unknown"
+    NO_MEMBER = "of no other member"
+    NO_NEWS = "nothing new"
+
+
 class Request(Enum):
     """Requests of a companion to its autopilot."""
 

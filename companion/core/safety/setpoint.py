@@ -59,6 +59,11 @@ class Setpoint:
         self._limits: Final = limits
         self._separations: Final = separations
 
+    @property
+    def desired_ned_mps(self) -> Vec3:
+        """The velocity that was desired, less what wind adds; NaN where that or the position was no number."""
+        return self._desired
+
     def cuts(self) -> list[Cut]:
         """In the order they were made; none: flown as desired. The way back into a fence counts as a cut by it."""
         found: list[Cut] = []

@@ -19,6 +19,8 @@ from __future__ import annotations
 import hashlib
 import math
 from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
 from struct import Struct
 from typing import Final, Protocol
 
@@ -64,6 +66,18 @@ class Marks(Protocol):
         """Write it in place of the last. `wait`: until it is on the disk; False: it could not be written."""
 
 
+@dataclass(frozen=True, slots=True)
+class BookStart:
+    """All that a book begins with, but for its disk; nothing of it is secret. Fields: as OrderBook's arguments."""
+
+    operator: bytes
+    digest: bytes
+    me: int
+    size: int
+    boot: int
+    kept: bytes
+
+
 class OrderBook:
     """One vehicle's. `receive` frames, `tick` for what to act on, `payloads` for what to pass on."""
 
@@ -74,6 +88,7 @@ class OrderBook:
 
         `kept`: what `marks` saved last, before this start; empty: nothing. ValueError: it is no public key.
         """
+        self.start: Final = BookStart(operator, digest, me, size, boot, kept)
         self._operator = Verifier(operator)
         self._digest = digest[:DIGEST_BYTES]
         self._me, self._size, self._boot = me, size, boot
@@ -90,6 +105,19 @@ class OrderBook:
         self.refused: Counter[str] = Counter()  # orders that came, by reason
         if kept:
             self._load(kept)
+
+    def with_marks(self, wrap: Callable[[Marks], Marks]) -> OrderBook:
+        """This book as it began, with what `wrap` makes of its disk."""
+        start = self.start
+        return OrderBook(
+            operator=start.operator,
+            digest=start.digest,
+            me=start.me,
+            size=start.size,
+            boot=start.boot,
+            marks=wrap(self._marks),
+            kept=start.kept,
+        )
 
     # --- in ---
 

@@ -6,6 +6,7 @@ nothing: a command is refused, and the operator is told what to use instead.
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any, Final, Protocol
 
 from companion.core.agent import Agent
@@ -24,6 +25,10 @@ class OrderDesk(Protocol):
     """The orders of one endpoint."""
 
     operator: OperatorOrders  # of its agent
+
+    @property
+    def refused(self) -> Counter[str]:
+        """Orders that came, by the reason why they are not obeyed."""
 
     def receive(self, frame: bytes, now_s: float, *, is_proven: bool) -> bool:
         """A whole frame of the peers' link; False: it is no order. `is_proven`: the link's MAC holds for it."""
@@ -49,6 +54,12 @@ class UnsignedOrders:
 
     def __init__(self) -> None:
         self.operator: OperatorOrders = FloodedOrders()
+        self._refused: Counter[str] = Counter()
+
+    @property
+    def refused(self) -> Counter[str]:
+        """None."""
+        return self._refused
 
     def receive(self, frame: bytes, now_s: float, *, is_proven: bool) -> bool:  # noqa: ARG002
         """None is taken: whose key could it bear?"""
@@ -85,6 +96,11 @@ class SignedOrders:
         self.operator = OperatorOrders()
         self._book = book
         self._says: list[Say] = []
+
+    @property
+    def refused(self) -> Counter[str]:
+        """The book's."""
+        return self._book.refused
 
     def receive(self, frame: bytes, now_s: float, *, is_proven: bool) -> bool:
         """To the book."""

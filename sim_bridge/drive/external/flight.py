@@ -24,6 +24,7 @@ from sim_bridge.drive.links.inbox import LateLine
 from sim_bridge.drive.links.ports import Address, Reader, bound_socket
 from sim_bridge.drive.live.live import ages_s
 from sim_bridge.drive.live.map import Map
+from sim_bridge.drive.lockstep.black_box import FOLDER_NAME
 from sim_bridge.drive.lockstep.harvest import Harvest, describe_records
 from sim_bridge.drive.lockstep.processes import fill_disk, start_companion
 from sim_bridge.drive.operator import operator_order
@@ -46,10 +47,21 @@ class ExternalFlight:
     """Companions over `autopilots` that are ready, and what is kept of the flight. Time starts now."""
 
     def __init__(
-        self, mission: Mission, autopilots: Autopilots, folder: Path, stack: ExitStack, map_: Map | None = None
+        self,
+        mission: Mission,
+        autopilots: Autopilots,
+        folder: Path,
+        stack: ExitStack,
+        map_: Map | None = None,
+        *,
+        black_box: bool = False,
     ) -> None:
-        """`stack` ends the companions and closes the files. `map_`: where it is watched. StartError, OSError."""
+        """`stack` ends the companions and closes the files. `map_`: where it is watched. StartError, OSError.
+
+        `black_box`: each companion keeps one.
+        """
         self.mission = mission
+        self._keeps_black_box = black_box
         self._map = map_
         self.recorder = Recorder()
         self._errors = EstimateErrors()
@@ -274,6 +286,7 @@ class ExternalFlight:
             program=self.forks,
             sensor_ports=self._sensors.ports(vehicle_id),
             records_file=None if self.harvest is None else self.harvest.path(vehicle_id),
+            black_box=self._folder / FOLDER_NAME if self._keeps_black_box else None,
         )
 
     def _start_again(self, vehicle_id: int) -> None:

@@ -20,6 +20,7 @@ class ExternalAutopilots:
     url: Url
     launch: str | None = None
     first_port: int = 0  # 0: free ones
+    black_box: bool = False  # each companion keeps one
 
     def __post_init__(self) -> None:
         """StartError when it cannot be meant."""

@@ -63,7 +63,7 @@ def fly_external(
         autopilots.frame = LocalFrame(mission.origin.wgs84)
         if map_ is not None:
             map_.begin(folder / "mission.toml", mission.name or "flight", mission.swarm.size)
-        flight = ExternalFlight(mission, autopilots, folder, stack, map_)
+        flight = ExternalFlight(mission, autopilots, folder, stack, map_, black_box=external.black_box)
         for stray in strays(mission, autopilots.positions()):
             flight.note(stray)
         began_flying_s = time.monotonic()

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,6 +22,7 @@ from mission.common.frames import Vec3, enu_to_ned
 from mission.document.model import Mission
 from mission.stand.stand import Stand
 from sim_bridge.world.radio import Radio
+from sim_bridge.world.world import World
 
 BASE_FILE: Final = "records.db"
 ANTENNA_M: Final = 2.0  # above the ground at d1
@@ -207,6 +208,17 @@ class Harvest:
         """Let go of all files."""
         for link in (*self._links.values(), self.base.records):
             link.store.close()
+
+
+def harvest_of(
+    mission: Mission, world: World, folder: Path | None, stack: ExitStack, guard: Callable[[int], Guard] | None
+) -> Harvest | None:
+    """The records, of a mission that surveys; `stack` lets go of them. `guard`: of a node, in a swarm with keys."""
+    if mission.survey is None:
+        return None
+    harvest = Harvest(mission, world.stand, world.radio, folder, None if guard is None else guard(BASE_ID))
+    stack.callback(harvest.close)
+    return harvest
 
 
 def base_place(mission: Mission, stand: Stand) -> Vec3:

@@ -30,6 +30,7 @@ from sim_bridge.drive.links.insider import Insiders
 from sim_bridge.drive.links.outsider import Outsider
 from sim_bridge.drive.links.radio_node import RadioNode
 from sim_bridge.drive.links.transmitter import Transmitter
+from sim_bridge.drive.lockstep.black_box import WAIVED, SimulatedBox, run_recorded
 from sim_bridge.drive.ticks import world_tick
 from sim_bridge.judge.tick import Tick
 from sim_bridge.world.autopilot import Link
@@ -89,11 +90,12 @@ class InProcess:
         disk: RecordDisk | None = None,
         guard: Guard | None = None,
         orders: OrderBook | None = None,
+        box: SimulatedBox | None = None,
     ) -> None:
         """`beacons`: shared with the others of this process, which then decode each frame once.
 
         `stages`: of its agent. `records`: of a mission that surveys, on `disk`. `guard`: of its radio, in a swarm
-        with keys; `orders`: of the operator's key there.
+        with keys; `orders`: of the operator's key there. `box`: its black box, made for these two.
         """
         self.endpoint = Endpoint(
             mission,
@@ -102,13 +104,14 @@ class InProcess:
             beacons=beacons,
             stages=stages,
             survey=survey_of(mission, vehicle_id),
-            records=records,
-            guard=guard,
-            orders=orders,
+            records=records if box is None else box.link(records),
+            guard=guard if box is None else box.guard,
+            orders=orders if box is None else box.orders,
         )
-        self._disk = disk
+        self._disk, self._box = disk, box
         # As `--waive all`, and `--unsigned` without keys, of a companion that is a process
-        self.endpoint.agent.waive("all", unsigned=guard is None)
+        self.endpoint.agent.waive(WAIVED, unsigned=guard is None)
+        self._recorder = None if box is None else box.record_endpoint(self.endpoint)
         self._answer = (b"", b"")
 
     @property
@@ -118,6 +121,9 @@ class InProcess:
 
     def send(self, from_peers: bytes, from_autopilot: bytes, now_s: float, from_sensor: bytes = b"") -> None:
         """Runs the agent at once."""
+        if self._recorder is not None:
+            self._answer = run_recorded(self._recorder, from_peers, from_sensor, from_autopilot, now_s)
+            return
         self.endpoint.from_peers(from_peers, now_s)
         if from_sensor:
             self.endpoint.from_sensor(from_sensor, now_s)
@@ -133,12 +139,16 @@ class InProcess:
         """Nothing to end."""
 
     def fill_disk(self, *, full: bool) -> None:
-        """It writes records alone."""
+        """It writes records and its black box alone."""
         if self._disk is not None:
             self._disk.fill(full=full)
+        if self._box is not None:
+            self._box.fill(full=full)
 
     def close(self) -> None:
-        """Nothing to end."""
+        """Ends its black box."""
+        if self._recorder is not None:
+            self._recorder.close("ended")
 
 
 class Lockstep:

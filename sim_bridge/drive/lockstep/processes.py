@@ -107,13 +107,16 @@ def start_companion(
     sensor_ports: Mapping[str, int] = MappingProxyType({}),
     records_file: Path | None = None,
     key_file: Path | None = None,
+    black_box: Path | None = None,
 ) -> Child:
     """`companion run` with its links on loopback; its stderr beside `log_file`. StartError, OSError.
 
     `program`: what to execute as `companion`, or where to fork it. `sensor_ports`: of sensors' drivers, by their names.
     `records_file`: of a mission that surveys. `key_file`: this vehicle's, in a swarm with keys; None: unsigned.
+    `black_box`: folder of black boxes.
     """
-    records = () if records_file is None else ("--records", str(records_file))
+    files = [] if records_file is None else ["--records", str(records_file)]
+    files += [] if black_box is None else ["--black-box", str(black_box)]
     sensors = [("--sensor", f"{name}=udpout://{LOOPBACK}:{port}") for name, port in sensor_ports.items()]
     arguments = [
         *("run", "--mission", str(mission_file)),
@@ -124,7 +127,7 @@ def start_companion(
         *("--clock", clock, "--waive", "all"),
         *(("--unsigned",) if key_file is None else ("--key", str(key_file))),
         *("--log", str(log_file)),
-        *records,
+        *files,
     ]
     error_file = log_file.with_suffix(".err")
     if isinstance(program, ForkClient):
@@ -155,10 +158,11 @@ class CompanionProcess:
         sensor: str = "",
         records_file: Path | None = None,
         key_file: Path | None = None,
+        black_box: Path | None = None,
     ) -> None:
         """`drivers`: where all its sensors' drivers send from, on the link of `sensor`; None: it has none.
 
-        `records_file`: of a mission that surveys; `key_file`: of a swarm with keys.
+        `records_file`: of a mission that surveys; `key_file`: of a swarm with keys. `black_box`: folder of black boxes.
         """
         self._id = vehicle_id
         self._radio = radio
@@ -182,6 +186,7 @@ class CompanionProcess:
             sensor_ports={} if drivers is None else {sensor: drivers.port},
             records_file=records_file,
             key_file=key_file,
+            black_box=black_box,
         )
 
     @property
@@ -265,6 +270,7 @@ class Launcher:
     sensor: str = ""
     records_file: Callable[[int], Path | None] = lambda _vehicle_id: None
     key_file: Callable[[int], Path | None] = lambda _vehicle_id: None
+    black_box: Path | None = None  # folder of black boxes
 
     def launch(
         self,
@@ -319,6 +325,7 @@ class Launcher:
             self.sensor,
             self.records_file(vehicle_id),
             self.key_file(vehicle_id),
+            self.black_box,
         )
 
 

@@ -11,6 +11,7 @@ from mission.document.model import Mission
 from sim_bridge.judge import run_folder
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import Metrics
+from sim_bridge.judge.page.black_boxes import box_section, read_boxes
 from sim_bridge.judge.page.html import BUNDLE, page
 from sim_bridge.judge.page.replay import Verdict, replay
 from sim_bridge.judge.recording import Recording
@@ -35,7 +36,7 @@ def write_flight(
         recording, mission, folder, title=title, metrics=metrics, verdict=verdict, figures=figures, faults=faults
     )
     path = folder / PAGE_NAME
-    run_folder.write(path, page(document, title).encode())
+    run_folder.write(path, page(document, title, box_section(read_boxes(folder))).encode())
     return path
 
 

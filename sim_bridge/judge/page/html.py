@@ -18,10 +18,13 @@ POLICY: Final = (
 )
 
 
-def page(document: dict[str, Any], title: str) -> str:
-    """Of `document`, what docs/reference/replay.md describes; it opens from disk and asks nothing of any network."""
+def page(document: dict[str, Any], title: str, below: str = "") -> str:
+    """Of `document`, what docs/reference/replay.md describes; it opens from disk and asks nothing of any network.
+
+    `below`: HTML that stands below it.
+    """
     policy = f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
-    return _page(title, policy, f'<script type="text/plain" id="data">{pack(document)}</script>')
+    return _page(title, policy, f'{below}<script type="text/plain" id="data">{pack(document)}</script>')
 
 
 def live_page(title: str) -> str:

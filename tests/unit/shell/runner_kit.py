@@ -80,15 +80,28 @@ class Bench:
         self.waits = 0
         self.endpoint = Recorder()
         self.autopilot, self.peers, self.sensor = MemoryLink(), MemoryLink(), MemoryLink()
-        self.watch = SimpleNamespace(log_changes=lambda *_: None, log_links=lambda *_: None, status_line=lambda: "fine")
+        self.lines: list[str] = []
+        self.watch = SimpleNamespace(
+            log_changes=lambda *_: None,
+            log_links=lambda *_: None,
+            log_lines=lambda _now_s, lines: self.lines.extend(lines),
+            status_line=lambda: "fine",
+        )
         self.stop = SimpleNamespace(reason="", fileno=lambda: 0)
         endpoint: Any = self.endpoint
         watch: Any = self.watch
         stop: Any = self.stop
         self.alive_s: list[float] = []
-        service: Any = SimpleNamespace(alive=lambda now_s, _status: self.alive_s.append(now_s), period_s=math.inf)
-        self.runner = Runner(endpoint, self.autopilot, self.peers, watch, stop, service, {"sensor": self.sensor})
+        self._others: Any = (watch, stop)
+        self.runner = self.runner_of(endpoint)
         self.waits_left = 0
+
+    def runner_of(self, endpoint: Any, recorder: Any = None, sensors: tuple[str, ...] = ("sensor",)) -> Runner:
+        """Another one, with the same surroundings."""
+        watch, stop = self._others
+        service: Any = SimpleNamespace(alive=lambda now_s, _status: self.alive_s.append(now_s), period_s=math.inf)
+        links = dict.fromkeys(sensors, self.sensor)
+        return Runner(endpoint, self.autopilot, self.peers, watch, stop, service, links, recorder)
 
     def select(self, _r: Any, _w: Any, _x: Any, wait_s: float) -> None:
         assert wait_s >= 0.0

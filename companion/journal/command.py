@@ -1,0 +1,74 @@
+"""`companion replay`: black boxes verified, run again and told."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from companion.journal.channels import Json
+from companion.journal.reading import BlackBoxError, Flight, find_flights
+from companion.journal.replay import Replayed, replay_flight
+from mission import __version__
+from mission.common.compiled import STATE
+from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
+
+EXIT_DIFFERS = 1
+
+
+def replay(arguments: argparse.Namespace) -> int:
+    """The exit code: 0 all is the same, 1 it is not, or could not all be run again."""
+    try:
+        flights = find_flights(Path(arguments.log))
+        replays = [_replay_told(flight, arguments) for flight in flights]
+    except BlackBoxError as error:
+        print(f"companion: {error}", file=sys.stderr)
+        return EXIT_BAD_FILE
+    except ModuleNotFoundError as error:  # of a flight with a survey
+        print(f"companion: this flight has a survey, which needs {error.name}: the extra `survey`", file=sys.stderr)
+        return EXIT_ENVIRONMENT
+    return EXIT_DONE if all(replays) else EXIT_DIFFERS
+
+
+def _replay_told(flight: Flight, arguments: argparse.Namespace) -> bool:
+    replayed = replay_flight(
+        flight,
+        from_s=arguments.from_s,
+        to_s=arguments.to_s,
+        show=_print_tick if arguments.ticks else lambda _body: None,
+    )
+    print("\n".join(_lines(flight, replayed)))
+    return replayed.is_same
+
+
+def _lines(flight: Flight, replayed: Replayed) -> list[str]:
+    start, ticks = replayed.start, replayed.summary.ticks
+    found = [f"vehicle {flight.vehicle_id}, flight {flight.number}, {len(flight.segments)} segments"]
+    if start:
+        found.append(
+            f"  companion {start.get('version')}, {start.get('compiled')}, {start.get('started_utc')}".rstrip(", ")
+        )
+        found.append(f"  mission {start.get('mission_sha256')}")
+        if (start.get("version"), start.get("compiled")) != (__version__, STATE):
+            found.append(f"  run again by {__version__}, {STATE}")
+    found += replayed.summary.lines()
+    found += [f"BROKEN CHAIN: {what}" for what in replayed.breaks]
+    found.append(f"  ends: {replayed.ends or 'without a last entry'}")
+    found.append(f"  head of the chain {replayed.head}")
+    if replayed.difference:
+        found += ["DIFFERENT:", *(f"  {line}" for line in replayed.difference)]
+    if replayed.stopped:
+        found.append(f"not run again from there on: {replayed.stopped}")
+    verdict = "SAME" if replayed.is_same else "NOT THE SAME" if replayed.difference else "INCOMPLETE"
+    return [*found, f"{verdict}: {replayed.same} of {ticks} ticks, bit for bit"]
+
+
+def _print_tick(body: Json) -> None:
+    cuts = ", ".join(f"{cut['reason']} {cut['by_mps']}" for cut in body["cuts"])
+    beacons = ", ".join(f"{fate} of {senders}" for fate, senders in body["beacons"].items() if fate != "KEPT")
+    refused = ", ".join(f"{count} {why}" for why, count in body["refused"].items())
+    said = "; ".join(say["text"] for say in body["said"])
+    notes = [f"cut by {cuts}" if cuts else "", f"beacons {beacons}" if beacons else "", said]
+    notes.insert(2, f"refused {refused}" if refused else "")
+    velocity = " ".join("nan" if v is None else f"{v:.3f}" for v in body["setpoint_ned_mps"])
+    print(f"{body['tick']:7} {body['time_s']:10.3f} {body['state']:12} {velocity:24} {'; '.join(filter(None, notes))}")

@@ -1,0 +1,63 @@
+"""`companion replay` as it is typed: its words and its exit codes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from companion import cli
+from companion.journal.reading import Flight
+from companion.journal.recorder import files_of
+from companion.journal.segments import DirectWriter
+from tests.unit.journal.journal_kit import START, fly_ticks, forge, recorded, recorder_of
+from tests.unit.journal.test_journal_chain import change_input
+
+
+@pytest.fixture
+def flight(tmp_path: Path) -> Flight:
+    return recorded(tmp_path)
+
+
+def test_a_flight_that_is_the_same(flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for log in (tmp_path, flight.segments[1]):
+        assert cli.main(["replay", str(log)]) == 0
+        lines = capsys.readouterr().out.splitlines()
+        assert lines[0] == "vehicle 3, flight 1, 1 segments"
+        assert lines[-1] == "SAME: 40 of 40 ticks, bit for bit"
+        assert "  ends: ended at 11.950 s" in lines
+
+
+def test_ticks_are_listed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recorded(tmp_path)
+    assert cli.main(["replay", str(tmp_path), "--from", "10.1", "--to", "10.3", "--ticks"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines[:5]] == ["3", "4", "5", "6", "7"]
+    assert "beacons VERSION of [6]" in lines[0]
+    assert "vehicle 6 beacon version 9, not 1: ignored" in lines[0]
+    assert lines[-1] == "SAME: 5 of 5 ticks, bit for bit"
+
+
+def test_a_box_that_was_changed(flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    forge(flight.segments[1], change_input)
+    assert cli.main(["replay", str(tmp_path)]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert "BROKEN CHAIN: tick 17, or what came before it since the last, was changed" in lines
+    assert lines[-1] == "INCOMPLETE: 16 of 40 ticks, bit for bit"
+
+
+def test_what_is_no_box(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["replay", str(tmp_path / "none")]) == 2
+    assert capsys.readouterr().err == f"companion: {tmp_path}/none: cannot be read: No such file or directory\n"
+
+
+def test_all_flights_of_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Each start of a companion is one."""
+    for _ in range(2):
+        recorder, _ = recorder_of(DirectWriter(files_of(tmp_path, START, waits_for_disk=False)))
+        fly_ticks(recorder, 10)
+        recorder.close("ended")
+    assert cli.main(["replay", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert "vehicle 3, flight 2" in out
+    assert out.count("SAME: ") == 2

@@ -1,0 +1,180 @@
+"""A record that was changed, removed or moved is found and named; a log that ends early is read to there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from companion.journal import mcap
+from companion.journal.channels import Channel
+from companion.journal.reading import Break, CutOff, Flight, Item, Recorded, read_flight
+from companion.journal.replay import replay_flight
+from companion.journal.segments import find_segments
+from tests.unit.journal.journal_kit import Messages, chunks_of, forge, recorded, sealed_anew
+
+TICKS = 40
+
+
+@pytest.fixture
+def flight(tmp_path: Path) -> Flight:
+    return recorded(tmp_path, TICKS)
+
+
+def breaks(items: list[Item]) -> list[str]:
+    return [item.what for item in items if isinstance(item, Break)]
+
+
+def of_tick(messages: Messages, tick: int) -> slice:
+    """Entries of one tick, its own the last."""
+    ends = [k + 1 for k, m in enumerate(messages) if m.channel_id == Channel.TICK]
+    return slice(ends[tick - 2], ends[tick - 1])
+
+
+def change_input(messages: Messages) -> Messages:
+    at = of_tick(messages, 17).start
+    data = messages[at].data
+    return [*messages[:at], replace(messages[at], data=data[:-1] + bytes([data[-1] ^ 1])), *messages[at + 1 :]]
+
+
+def change_time(messages: Messages) -> Messages:
+    """Of arrival: the first eight bytes."""
+    at = of_tick(messages, 17).start
+    data = messages[at].data
+    return [*messages[:at], replace(messages[at], data=bytes([data[0] ^ 1]) + data[1:]), *messages[at + 1 :]]
+
+
+def change_cut(messages: Messages) -> Messages:
+    at = of_tick(messages, 17).stop - 1
+    data = messages[at].data.replace(b'"cuts":[]', b'"cuts":[ ]')
+    assert data != messages[at].data
+    return [*messages[:at], replace(messages[at], data=data), *messages[at + 1 :]]
+
+
+def remove_input(messages: Messages) -> Messages:
+    at = of_tick(messages, 17).start
+    return [*messages[:at], *messages[at + 1 :]]
+
+
+def remove_ticks(messages: Messages) -> Messages:
+    return [*messages[: of_tick(messages, 17).start], *messages[of_tick(messages, 19).stop :]]
+
+
+def swap_ticks(messages: Messages) -> Messages:
+    first, second = of_tick(messages, 17), of_tick(messages, 18)
+    return [*messages[: first.start], *messages[second], *messages[first], *messages[second.stop :]]
+
+
+def copy_tick(messages: Messages) -> Messages:
+    tick = of_tick(messages, 17)
+    return [*messages[: tick.stop], *messages[tick], *messages[tick.stop :]]
+
+
+def remove_end(messages: Messages) -> Messages:
+    return messages[:-1]
+
+
+def add_behind_end(messages: Messages) -> Messages:
+    return [*messages, messages[-2]]
+
+
+CHANGES: dict[Callable[[Messages], Messages], list[str]] = {
+    change_input: ["tick 17, or what came before it since the last, was changed"],
+    change_time: ["tick 17, or what came before it since the last, was changed"],
+    change_cut: ["tick 17, or what came before it since the last, was changed"],
+    remove_input: ["tick 17, or what came before it since the last, was changed: entry "],
+    remove_ticks: ["ticks 17 to 19 are missing"],
+    swap_ticks: ["ticks 17 to 17 are missing", "tick 17 is found behind tick 18: moved, or a copy"],
+    copy_tick: ["tick 17 is found behind tick 17: moved, or a copy"],
+    add_behind_end: ["entries behind the last one"],
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_what_was_changed_is_named(change: Callable[[Messages], Messages], flight: Flight) -> None:
+    assert breaks(list(read_flight(flight))) == []
+    forge(flight.segments[1], change)
+    found = breaks(list(read_flight(flight)))
+    assert len(found) >= len(CHANGES[change])
+    for said, wanted in zip(found, CHANGES[change], strict=False):
+        assert said.startswith(wanted)
+    replayed = replay_flight(flight)
+    assert replayed.breaks == found
+    assert not replayed.is_same
+
+
+def test_a_changed_byte_without_its_crc_is_named_by_its_place(flight: Flight) -> None:
+    path = flight.segments[1]
+    data = bytearray(path.read_bytes())
+    offset, body = list(mcap.read_chunks(bytes(data)))[2]
+    data[offset + len(body) // 2] ^= 1
+    path.write_bytes(data)
+    found = breaks(list(read_flight(flight)))
+    assert found[0] == f"{path.name}, byte {offset}: a chunk whose CRC is wrong"
+    assert found[1].startswith("ticks ")
+
+
+def test_a_log_without_its_last_entry_says_so(flight: Flight) -> None:
+    forge(flight.segments[1], remove_end)
+    items = list(read_flight(flight))
+    assert breaks(items) == []
+    assert isinstance(items[-1], CutOff)
+
+
+def test_a_chain_that_was_made_anew_has_another_head(flight: Flight) -> None:
+    """Who writes all that follows anew is not found by the log alone, but by the head that the flight log has."""
+    before = replay_flight(flight).head
+    forge(flight.segments[1], change_input)
+    assert replay_flight(flight).breaks
+    forge(flight.segments[1], sealed_anew)
+    replayed = replay_flight(flight)
+    assert replayed.breaks == []
+    assert replayed.head != before
+
+
+def test_a_log_cut_at_any_byte_is_read_to_its_last_whole_chunk(flight: Flight) -> None:
+    path = flight.segments[1]
+    data = path.read_bytes()
+    head, chunks = chunks_of(data)
+    whole: list[tuple[int, int]] = []  # offset from which a chunk is there, ticks up to it
+    ticks = 0
+    for (offset, body), messages in zip(mcap.read_chunks(data), chunks, strict=True):
+        ticks += sum(m.channel_id == Channel.TICK for m in messages)
+        whole.append((offset + 9 + len(body), ticks))
+    ended_at = whole[-1][0]
+    for size in range(len(data)):
+        if size > len(head) and size % 61 and all(abs(size - at) > 3 for at, _ in whole):
+            continue  # each byte about a chunk's edge, and every 61st of the others
+        path.write_bytes(data[:size])
+        items = list(read_flight(flight))
+        expected = max((count for at, count in whole if at <= size), default=0)
+        assert sum(isinstance(item, Recorded) and not item.is_end for item in items) == expected
+        assert breaks(items) == []
+        assert isinstance(items[-1], CutOff) == (size < ended_at)
+        if isinstance(items[-1], CutOff):
+            assert f"{path.name}, byte " in items[-1].what
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 0.9])
+def test_a_log_that_was_cut_is_replayed_to_there(share: float, flight: Flight) -> None:
+    path = flight.segments[1]
+    data = path.read_bytes()
+    first = len(chunks_of(data)[0])
+    path.write_bytes(data[: first + int(share * (len(data) - first))])
+    replayed = replay_flight(flight)
+    assert replayed.ends.startswith("cut off: ")
+    if share:
+        assert 0 < replayed.same == replayed.summary.ticks < TICKS
+        assert replayed.is_same
+    else:
+        assert replayed.stopped == "the beginning is missing"
+
+
+def test_missing_segments_are_named(tmp_path: Path) -> None:
+    flight = recorded(tmp_path, TICKS)
+    (key, path), *_ = find_segments(tmp_path).items()
+    assert key == (3, 1, 1)
+    moved = Flight(flight.vehicle_id, 1, {2: path})
+    assert breaks(list(read_flight(moved)))[0] == "segments 1 to 1 are missing"
