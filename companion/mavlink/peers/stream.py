@@ -12,8 +12,8 @@ from companion.mavlink.peers.frame_mac import UNITS_PER_S, epoch_of, mac_holds, 
 from companion.mavlink.peers.manifest import Manifest
 from companion.mavlink.peers.session import Session
 
-AHEAD_S: Final = 3.0  # a sender's clock may be ahead of its last frame, beyond the time since: late frames, and drift
-DRIFT: Final = 1.001  # of two clocks, ten times what crystals have
+AHEAD_S: Final = 3.0  # a sender's clock may be ahead of what its frames showed before: those were late
+DRIFT: Final = 0.001  # of two clocks, ten times what crystals have
 PROVEN_S: Final = 5.0  # a manifest vouches for so long: at 50 % loss one of them comes in 97 %
 DISPUTED_S: Final = 3.0  # after a frame that its sender does not vouch for
 HEARD_MAX: Final = 64  # frames that wait for their manifest
@@ -45,7 +45,8 @@ class Stream:
         "_heard",
         "_keys",
         "_mark",
-        "_mark_s",
+        "_offset_s",
+        "_offset_seen_s",
         "_proven_s",
         "_word",
         "boot",
@@ -58,7 +59,9 @@ class Stream:
         self.boot: Final = boot
         self.heard_s = now_s  # its last frame that was taken
         self.vouched = -1  # `last` of its newest manifest
-        self._mark, self._mark_s = mark, now_s
+        self._mark = mark
+        # Its clock less the own, by the frame that came soonest: what waits in sockets while one stalls shows less.
+        self._offset_s, self._offset_seen_s = mark / UNITS_PER_S - now_s, now_s
         self._keys: dict[int, bytes] = {}  # by epoch
         self._heard: deque[tuple[int, bytes, Beacon | None]] = deque(maxlen=HEARD_MAX)
         self._proven_s = -math.inf
@@ -81,14 +84,18 @@ class Stream:
         timestamp = timestamp_of(frame)
         if timestamp <= self._mark:
             return "repeated"
-        if timestamp - self._mark > (AHEAD_S + DRIFT * (now_s - self._mark_s)) * UNITS_PER_S:
+        ahead_s = timestamp / UNITS_PER_S - now_s - self._offset_s
+        if ahead_s > AHEAD_S + DRIFT * (now_s - self._offset_seen_s):
             return "ahead of its sender's clock"
         return ""
 
     def take_frame(self, frame: bytes, said: Beacon | None, now_s: float, *, named: bool) -> None:
         """A frame that nothing speaks against. `said`: of a beacon; `named`: of a message that manifests name."""
-        self._mark, self._mark_s = timestamp_of(frame), now_s
+        self._mark = timestamp_of(frame)
         self.heard_s = now_s
+        offset_s = self._mark / UNITS_PER_S - now_s
+        if offset_s >= self._offset_s - DRIFT * (now_s - self._offset_seen_s):
+            self._offset_s, self._offset_seen_s = offset_s, now_s
         if named:
             self._heard.append((self._mark, mac_of(frame), said))
 
@@ -105,7 +112,8 @@ class Stream:
                 self._word, self._count = word_of(vouched[-1]), _count_of(vouched[-1])
         else:
             # What was taken may be the other's: go on from what the sender itself says that it has sent.
-            self._mark, self._mark_s = last, now_s
+            self._mark = last
+            self._offset_s, self._offset_seen_s = last / UNITS_PER_S - now_s, now_s
             self._proven_s = -math.inf
             self._disputed_until_s = now_s + DISPUTED_S
         while self._heard and (self._heard[0][0] <= last or not clean):

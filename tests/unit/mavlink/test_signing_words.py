@@ -19,7 +19,7 @@ from companion.mavlink.peers.manifest import MANIFEST_ID, Manifest, encode_manif
 from companion.mavlink.peers.session import open_session
 from companion.mavlink.peers.stream import AHEAD_S, Stream
 from tests.unit.core.core_kit import BEACON, lease
-from tests.unit.mavlink.signing_kit import Node, keyring, met
+from tests.unit.mavlink.signing_kit import PERIOD_S, Node, keyring, met
 
 pytestmark = pytest.mark.sources
 
@@ -133,6 +133,16 @@ def test_so_many_signatures_are_checked_in_a_second_and_no_more() -> None:
         for k in range(checked + 5):
             two.guard.take_proof(manifest_of(one, 100.0 * begins_s + 2.0 * k), begins_s)
         assert dict(two.guard.refused) == {"too many manifests": 5}
+
+
+def test_what_waited_while_a_receiver_stalled_does_not_make_it_deaf() -> None:
+    """A socket that is full keeps the first of them: what comes next is no more ahead than before."""
+    (one, two), now_s = met(1, 2)
+    waited = [one.send(round(now_s + k * PERIOD_S, 6))[0] for k in range(70)]
+    now_s += 70 * PERIOD_S
+    two.receive(waited[:10], now_s)
+    two.receive(one.send(now_s + PERIOD_S)[:1], now_s + PERIOD_S)
+    assert len(two.heard) == 11
 
 
 def test_after_a_pause_a_sender_may_be_ahead_by_as_much() -> None:

@@ -27,9 +27,12 @@ AGAIN_S: Final = 60.0  # then the swarm goes on without it for so long
 
 
 def breaks_route(beacon: Beacon) -> bool:
-    """It says that it is on its leader's place, and is not its leader."""
+    """It says that it is on its leader's place, and is not its leader.
+
+    One of whose words nothing counts yet, by its signature, names no leader here, and may be it.
+    """
     lease = beacon.lease
-    return beacon.route_cost < LEAST_COST and (lease is None or lease.leader != beacon.sender)
+    return beacon.route_cost < LEAST_COST and lease is not None and lease.leader != beacon.sender
 
 
 def find_contradicting(route: Route, neighbours: Sequence[Neighbour], leader: int) -> int:

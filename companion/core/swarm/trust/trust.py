@@ -59,9 +59,10 @@ class Trust:
             beacon = replace(beacon, range_m=self._least_range_m)
         if breaks_route(beacon):
             self._courses.note_doubt(beacon.sender, "route cost is false", PLAIN_LIE, now_s)
-            beacon = replace(beacon, route_cost=LEAST_COST)
         lease = beacon.lease
         leads = lease is not None and lease.leader == beacon.sender
+        if not leads and beacon.route_cost < LEAST_COST:
+            beacon = replace(beacon, route_cost=LEAST_COST)
         # A route over one that leads unasked would take its followers from the leader's count of its part.
         is_false = not self._leads.may_lead(beacon.sender) if leads else self._courses.has(beacon.sender)
         return strip_course(beacon) if is_false else beacon
