@@ -26,7 +26,9 @@ from mission.document.model import AtEnd, Mission
 
 FRESH_PERIODS: Final = 5  # since news of the leader: those in radio contact have had some, too
 APART_PERIODS: Final = 15  # not heard for so long, one may have lost the leader and come to lead elsewhere
-CORRIDOR_M: Final = 15.0  # beside the way d1-d2, over half of a formation: detours and searches are that wide
+CORRIDOR_M: Final = (
+    15.0  # beside the way d1-d2, and how far a follower may move in its formation: detours are that wide
+)
 LEFT_PERIODS: Final = 20  # T_L
 SLACK_S: Final = 60.0  # beyond the mission's own times
 MOVED_M: Final = 5.0
@@ -55,7 +57,7 @@ class LeadWatch:
     )
 
     def __init__(self, mission: Mission) -> None:
-        self._width_m: Final = CORRIDOR_M + 0.5 * mission.radio.transit_range_m
+        self._width_m: Final = CORRIDOR_M + mission.radio.transit_range_m
         self._limits_s: Final = [visit.duration_s + FORMING_LIMIT_S + SLACK_S for visit in mission.visits]
         self._holds: Final = mission.route.at_end is AtEnd.HOLD
         self._apart_s: Final = APART_PERIODS / mission.radio.beacon_rate_hz

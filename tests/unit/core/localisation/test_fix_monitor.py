@@ -46,7 +46,7 @@ def test_drawn_noise_alone_alarms_at_most_once_an_hour(noise: Noise) -> None:
     assert sum(flown(noise, seed, 200.0)[0] is not None for seed in range(40)) <= 2
 
 
-@pytest.mark.parametrize(("rate_mps", "most_m"), [(0.1, 12.0), (0.2, 5.0), (0.5, 5.0)])
+@pytest.mark.parametrize(("rate_mps", "most_m"), [(0.1, 15.0), (0.2, 6.0), (0.5, 5.0)])
 def test_by_trunks_a_drift_is_found_before_it_has_led_far(rate_mps: float, most_m: float) -> None:
     for seed in range(8):
         bearing = 0.8 * seed
@@ -104,6 +104,19 @@ def test_a_frame_that_turns_back_by_more_than_is_thought_of_it_parts_nothing() -
         thought_rad2 = max(math.radians(0.7) ** 2, FRAME_BY_SECTORS_RAD**2)
         frame = (turned, 0.0, 0.0)
         found |= monitor.update(place, way, float(k), frame=frame, frame_rad2=thought_rad2) is not None
+    assert not found
+
+
+def test_a_frame_that_turns_by_far_more_than_is_thought_of_it_parts_nothing() -> None:
+    """As in tests/testdata/found/hemmed_in.toml: 15 degrees in 76 s, by a lidar, where no fix was led astray."""
+    monitor, found, moved, step = FixMonitor(BY_TRUNKS), False, (0.0, 0.0), math.radians(15.0) / 76.0
+    c, s = math.cos(step), math.sin(step)
+    for k in range(77):
+        place = (0.0, 3.0 * k)
+        north, east = place[0] - moved[0], place[1] - moved[1]  # it turns about the vehicle
+        moved = (place[0] - c * north + s * east, place[1] - s * north - c * east)
+        frame = (step * (k + 1), *moved)
+        found |= monitor.update(place, place, float(k), frame=frame, frame_rad2=math.radians(1.3) ** 2) is not None
     assert not found
 
 

@@ -29,7 +29,7 @@ STOPS = mission(
     route={"at_end": "hold", "stops": [{"pos_enu_m": (60.0, 40.0, 8.0), "duration_s": 12.0}]},
     coverage={"duration_s": 20.0},
 )
-WIDTH_M = CORRIDOR_M + 0.5 * MISSION.radio.transit_range_m
+WIDTH_M = CORRIDOR_M + MISSION.radio.transit_range_m
 START: Vec3 = (10.0, 20.0, -8.0)
 FIRST: Vec3 = (80.0, 60.0, 0.0)  # the vector to the first tree, at d1
 ALONG = (80.0 / 100.0, 60.0 / 100.0)
