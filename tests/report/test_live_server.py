@@ -260,6 +260,14 @@ def test_the_end_of_the_flight_is_the_last_that_viewers_are_told(tmp_path: Path)
     serving(test)
 
 
+def is_closed(client: socket.socket) -> bool:
+    """By a reset, where the other end had not read all."""
+    try:
+        return client.recv(1) == b""
+    except ConnectionResetError:
+        return True
+
+
 def test_connections_that_only_hold_on_keep_nobody_out(tmp_path: Path) -> None:
     def hold(one: Served) -> list[socket.socket]:
         sources = [f"127.0.1.{k}" for k in range(1, 3 + CONNECTIONS_MAX // OF_ADDRESS_MAX)]
@@ -275,8 +283,8 @@ def test_connections_that_only_hold_on_keep_nobody_out(tmp_path: Path) -> None:
         assert (await asyncio.to_thread(fetched, one.host))[0] == 200
         async with connect(one.stream) as viewer:
             assert (await told(viewer))["format"] == "understory-live"
-        closed = await asyncio.to_thread(lambda: [client.recv(1) for client in held[: len(held) - CONNECTIONS_MAX]])
-        assert set(closed) == {b""}
+        closed = await asyncio.to_thread(lambda: [is_closed(client) for client in held[: len(held) - CONNECTIONS_MAX]])
+        assert all(closed)
         for client in held:
             client.close()
 

@@ -117,7 +117,7 @@ def test_part_that_was_not_heard_at_the_first_tree_catches_up_at_the_second() ->
     swarm.apart.clear()
     swarm.until("COVERAGE", limit_s=120.0)
     assert all(one.agent.swarm.phases.stop == 1 for one in swarm.aircraft.values())
-    swarm.run(25.0)
+    swarm.run(30.0)
     around(swarm, LAST, [1, 2, 3, 4, 5])
 
 

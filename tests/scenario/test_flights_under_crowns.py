@@ -153,8 +153,8 @@ def test_where_all_lose_their_satellites_at_once_the_leader_leads_on(tmp_path: P
     assert seen.worst_anchor_m <= ANCHOR_M
 
 
-def test_an_heir_with_satellites_takes_the_swarm_to_where_they_say_without_a_jump(tmp_path: Path) -> None:
-    """Which is 10 m from where its predecessor, which falls silent, had it."""
+def with_heirs_fix_off(tmp_path: Path, from_s: float, off_ne_m: tuple[float, float]) -> tuple[Watched, str]:
+    """The leader falls silent on the way, and 3 is the only other one with satellites. `off_ne_m`: of its fix."""
     seen = Watched(lambda _since_s, _: set())
 
     def watch(flight: fly.Flight) -> None:
@@ -162,21 +162,32 @@ def test_an_heir_with_satellites_takes_the_swarm_to_where_they_say_without_a_jum
         third = flight.world.vehicles[3]
         assert third.receiver is not None
         assert isinstance(third.believed, Aided)
-        if flight.world.now_s > 20.0:
-            if third.receiver._wander != (10.0, -11.0):
-                third.believed._off = (7.0, -7.5)  # its autopilot resets its position to such a fix
-            third.receiver._wander = (10.0, -11.0)
+        if flight.world.now_s > from_s:
+            if third.receiver._wander != off_ne_m:
+                third.believed._off = off_ne_m  # its autopilot resets its position to such a fix
+            third.receiver._wander = off_ne_m
 
     faults = [{"kind": "kill", "vehicles": [1], "phase": "transit", "at_s": 12.0}]
     mission = mission_of(swarm={"gnss": [1, 3]}, sim={"faults": faults}, coverage={"duration_s": 30.0})
     outcome, shown = flown(mission, tmp_path, watch=watch)
     assert outcome.metrics.contacts == 0, shown
-    assert seen.leaders == [1, 3]
-    at_first_m = next(off_m for _, leader, off_m in seen.log if leader == 3)
-    assert at_first_m < 5.0  # not there at once
-    assert seen.off_m > 6.0
+    return seen, shown
+
+
+def test_an_heir_with_satellites_takes_the_swarm_to_where_they_say_without_a_jump(tmp_path: Path) -> None:
+    """By its fix d2 is 2.8 m from where its predecessor had it: as a receiver may be from the ground on."""
+    seen, shown = with_heirs_fix_off(tmp_path, 3.0, (2.0, -2.0))
+    assert seen.leaders == [1, 3], shown
     assert seen.worst_step_mps <= 0.3
     assert seen.worst_anchor_m <= ANCHOR_M
+
+
+def test_one_whose_fix_has_left_its_odometer_is_no_heir(tmp_path: Path) -> None:
+    """By 15 m at once, in the air: the swarm goes on by odometers, and turns back when they get unsure."""
+    seen, shown = with_heirs_fix_off(tmp_path, 20.0, (10.0, -11.0))
+    assert "vehicle 3: position doubted: GNSS led astray" in shown
+    assert seen.leaders == [1, 2], shown
+    assert seen.worst_step_mps <= 0.3
 
 
 def test_a_swarm_that_has_lost_its_place_comes_home_along_its_leaders_own_way(tmp_path: Path) -> None:

@@ -67,6 +67,7 @@ def mission() -> Mission:
 
 
 @pytest.mark.parametrize("data", [b"\xfd", b"\xfd\xff\0\0\0\x02\xbf" * 30], ids=["one byte", "claims"])
+@pytest.mark.sources
 def test_a_flight_goes_on_while_radio_and_sensor_are_flooded_and_the_operator_is_told(
     data: bytes, tmp_path: Path, opened: ExitStack, monkeypatch: pytest.MonkeyPatch
 ) -> None:

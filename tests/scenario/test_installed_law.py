@@ -100,7 +100,7 @@ def test_a_study_ranks_an_installed_law_beside_ours(site: Path, tmp_path: Path) 
 def test_a_search_flies_an_installed_law(
     site: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def tiny(seed: int) -> Drawn:
+    def tiny(seed: int, _attacked_share: float) -> Drawn:
         late = 20.0 if seed == 8 else 200.0  # no time to arrive
         sim = {"seed": seed, "time_limit_s": late}
         return Drawn(short_mission(swarm={"size": 2}, route={"d2_enu_m": (20.0, 0.0, 4.0)}, sim=sim), 0)
@@ -116,8 +116,8 @@ def test_a_search_flies_an_installed_law(
     assert rows[8]["verdict"].startswith("INCOMPLETE: ")
     flies_it_again = "sim-bridge search --backend point-mass --law queue --seed 8 --flights 1"
     assert flies_it_again in capsys.readouterr().err
-    ours = program._case(7, Backend.AGENTS, BY_OURS).key
-    assert rows[7]["key"] != ours == program._case(7, Backend.AGENTS, Entrant()).key
+    ours = program._case(7, Backend.AGENTS, BY_OURS, 0.0).key
+    assert rows[7]["key"] != ours == program._case(7, Backend.AGENTS, Entrant(), 0.0).key
     unknown = tmp_path / "other"
     assert cli.main([*command, str(unknown), "--law", "nosuch"]) == 2
     named = "law nosuch: no such module: must be a .py file, the name of an installed law (queue)"
