@@ -341,6 +341,7 @@ ABOUT = {
     "own-motion": "errors of velocity, heading and place by scans beside the reported ones: see own-motion --help",
     "quorum-losses": "how often a leader has no majority by lost beacons alone: see quorum-losses --help",
     "signed-radio": "frames forged or sent again, by the million; what signing costs: see signed-radio --help",
+    "spoofing": "own positions that jump, freeze, drift: what is noticed, and false alarms: see spoofing --help",
     "stand-figures": "a stand's figures of drawn and real stands against the truth: see stand-figures --help",
     "stand-map": "the fused stem map of a flight that surveyed against its trees: see stand-map --help",
     "stand-until": "surveys that stop by the interval of their basal area: see stand-until --help",

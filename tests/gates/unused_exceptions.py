@@ -32,7 +32,6 @@ _.on_broken_pipe  # rich
 _._repr_html_  # notebooks
 _.nullable_schema  # pydantic: how JSON Schema is generated
 _.field_title_should_be_set
-_.popitem  # of a dictionary that refuses changes
 cover  # a law's, of the example: called by its name
 __getattr__  # Python: of a module whose parts are imported when they are asked for
 
