@@ -88,7 +88,7 @@ def test_in_the_open_a_leader_whose_position_leaves_its_velocity_goes_by_that_an
     assert "vehicle 1: land: position doubted for 15 s" in shown
 
 
-def test_among_trees_a_leader_that_is_led_astray_drops_its_fix_before_5_m(tmp_path: Path) -> None:
+def test_among_trees_a_leader_that_is_led_astray_drops_its_fix_before_15_m(tmp_path: Path) -> None:
     fault = {"kind": "gnss-drift", "vehicles": [1], "drift_mps": [0.0, 0.3]}
     drawn = of_example(
         "natural_stand.toml",
@@ -104,7 +104,7 @@ def test_among_trees_a_leader_that_is_led_astray_drops_its_fix_before_5_m(tmp_pa
     assert len(said) == 1, shown
     assert "vehicle 1" in said[0]
     began = next(line for line in shown.splitlines() if "fault: GNSS" in line)
-    assert 0.3 * (float(said[0].split()[0]) - float(began.split()[0])) < 5.0
+    assert 0.3 * (float(said[0].split()[0]) - float(began.split()[0])) < 15.0  # sooner, frames that turn alarm too
 
 
 def test_where_the_leader_alone_has_gnss_a_drift_drags_nobody_out_of_the_fence(tmp_path: Path) -> None:
