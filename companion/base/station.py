@@ -9,8 +9,8 @@ from companion.mavlink.framing import wire
 from companion.mavlink.orders.order import order_payload
 from companion.mavlink.own_messages import decode_beacon
 from companion.mavlink.peers.guard import Guard, OpenGuard
-from companion.records.exchange import Progress, RecordExchange
-from companion.records.record import BASE_ID
+from companion.records.exchange import RecordExchange
+from companion.records.record import BASE_ID, Progress
 from companion.records.summary import StandSummary
 
 

@@ -8,7 +8,6 @@ many nodes; custody stays with the writer until then (RFC 5050, section 5.10; RF
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Final, Protocol
 
 from companion.mavlink.beacon import COMPONENT
@@ -28,7 +27,18 @@ from companion.records.frames import (
 )
 from companion.records.holdings import Holding
 from companion.records.peers import Candidate, Peers
-from companion.records.record import BASE_ID, BODY_MAX, NUMBER_MAX, Entry, LogKey, Record, RecordKind, Vector
+from companion.records.record import (
+    BASE_ID,
+    BODY_MAX,
+    LOGS_TOTAL_MAX,
+    NUMBER_MAX,
+    Entry,
+    LogKey,
+    Progress,
+    Record,
+    RecordKind,
+    Vector,
+)
 from companion.records.store import RecordStore, Written
 from companion.records.summary import StandSummary, decode_summary
 from companion.records.write_queue import RecordWriter, WriteQueue
@@ -40,20 +50,8 @@ BASE_VECTOR_S: Final = 0.5  # the base station's: what it has heard is not sent 
 PLAN_S: Final = 0.25  # how long a plan holds
 FRAMES_MAX: Final = 1  # records in a tick: another's beacon does not wait for more than one of each vehicle
 LOGS_MAX: Final = 8  # of one vehicle: disks that it has lost since the swarm took off
-LOGS_TOTAL_MAX: Final = 512  # of all vehicles: what is kept of each neighbour is bounded with them
 GIVE_UP_S: Final = 30.0  # what the base station has, and nobody has sent for so long, a vehicle does without
 SETTLE_S: Final = 5.0  # after a start, no own record goes out: others may have more of this log than a damaged disk
-
-
-@dataclass(frozen=True, slots=True)
-class Progress:
-    """Records of the swarm, as far as this node has heard of them."""
-
-    made: int
-    delivered: int  # to the base station
-
-    def __str__(self) -> str:
-        return f"{self.delivered} of {self.made} records delivered"
 
 
 class StandFusion(Protocol):

@@ -10,6 +10,7 @@ from companion.mavlink.peers.session import BASE_ID as BASE_ID
 from companion.mavlink.schema.tables.measurements import BODY_MAX as BODY_MAX
 
 NUMBER_MAX: Final = (1 << 24) - 1  # of a log: one each second for 194 days
+LOGS_TOTAL_MAX: Final = 512  # of all vehicles: what is kept of each neighbour is bounded with them
 BITMAP: Final = 32  # numbers behind a vector's window that it tells one by one
 
 
@@ -76,3 +77,14 @@ class Vector:
     is_full: bool  # has no room for more
     entries: tuple[Entry, ...]
     mission_hash: int = 0  # of the sender's mission; 0: of none
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """Records of the swarm, as far as this node has heard of them."""
+
+    made: int
+    delivered: int  # to the base station
+
+    def __str__(self) -> str:
+        return f"{self.delivered} of {self.made} records delivered"

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from companion.mavlink.framing.frames import source
-from companion.records.exchange import LOGS_TOTAL_MAX, Progress
 from companion.records.frames import read_record, read_vector
-from companion.records.record import BASE_ID, LogKey, RecordKind, Vector
+from companion.records.record import BASE_ID, LOGS_TOTAL_MAX, LogKey, Progress, RecordKind, Vector
 from companion.records.summary import StandSummary, decode_summary
 
 

@@ -67,6 +67,10 @@ reach_m = 7.0
 dbh_min_m = 0.08
 taper_cm_per_m = 1.0
 taper_sd_cm_per_m = 0.4
+[survey.until]
+basal_area_pct = 15.0
+confidence = 0.9
+after_s = 20.0
 [forest]
 grade = [0.01, -0.02]
 [forest.shapes]
@@ -180,6 +184,7 @@ OTHER_FAULTS = {  # by the key that FULL's fault does not have
     "sim.faults[0].height_m": _of_kind("height-error", "height_m = 10.0"),
     "sim.faults[0].noise_m": SCANS,
     "sim.faults[0].delay_s": SCANS,
+    "sim.faults[0].lie": _of_kind("insider", 'lie = "push"'),
     "sim.faults[0].bias_m": _of_kind("range-errors", "bias_m = 0.2\nnoise_m = 0.1"),
 }
 

@@ -337,5 +337,15 @@ def test_table_has_a_row_for_each_check_the_fix_of_each_fault_and_one_verdict() 
 
 
 def test_every_check_is_in_the_reference() -> None:
-    names = set(judged(survey())) | {"mission", "aiding", "height", "odometry", *SENSORS, "key", "disk", "monotonic"}
+    names = set(judged(survey())) | {
+        "mission",
+        "aiding",
+        "height",
+        "odometry",
+        *SENSORS,
+        "key",
+        "signing",
+        "disk",
+        "monotonic",
+    }
     assert names - {rule.name for rule in PX4.rules(MISSION)} == set(ABOUT)

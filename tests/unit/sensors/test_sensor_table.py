@@ -181,8 +181,8 @@ def log(tmp_path: Path) -> Iterator[tuple[FlightLog, Path]]:
 def test_flight_log_tells_of_its_driver_and_its_link(log: tuple[FlightLog, Path]) -> None:
     flown = mission()
     one = Endpoint(flown, ME, sensors=sensors_of(flown), sensor_streams={"altimeter": False})
-    link: Any = SimpleNamespace(up=True, errors=0)
-    altimeter: Any = SimpleNamespace(up=True, errors=0)
+    link: Any = SimpleNamespace(up=True, errors=0, lost=0)
+    altimeter: Any = SimpleNamespace(up=True, errors=0, lost=0)
     changes = ChangeLogger(log[0], one, link, link, {"altimeter": altimeter})
     one.from_sensor(altitude(), 10.0, "altimeter")
     changes.log_changes(10.0, [])
