@@ -134,7 +134,8 @@ def test_text_where_a_number_belongs_is_refused_with_its_line(key: str) -> None:
 
 @pytest.mark.parametrize("value", ["true", "nan", "inf", "[1.0]", "2020-01-01", "1" + "0" * 4000])
 def test_what_is_not_a_finite_number_is_refused_with_its_line_for_each_key(value: str) -> None:
-    every_number = "late_s = 1.5\nbias_m = 0.2\nnoise_m = 0.1\ndelay_s = 0.2\nheight_m = 10.0"  # of one fault: each is looked at by itself
+    # Of one fault: each is looked at by itself.
+    every_number = "late_s = 1.5\nbias_m = 0.2\nnoise_m = 0.1\ndelay_s = 0.2\nheight_m = 10.0"
     text, lines = FULL.replace("late_s = 1.5", every_number) + STOPS, {}
     for key in NUMBERS:
         text, lines[key] = with_value(key, value, text)
