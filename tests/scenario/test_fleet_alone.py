@@ -195,7 +195,7 @@ def test_leader_flies_round_one_that_hovers_with_its_pilot_on_the_way() -> None:
     swarm = fleet(3)
     pilots = swarm.aircraft[3]
     pilots.mode = FlightMode.OTHER
-    pilots.pos_ned_m = (0.2, swarm.aircraft[1].pos_ned_m[1] + 20.0, -8.0)
+    pilots.put((0.2, swarm.aircraft[1].pos_ned_m[1] + 20.0, -8.0))
     pilots.vel_ned_mps = (0.0, 0.0, 0.0)
     swarm.until("COVERAGE", limit_s=60.0, among=[1, 2])
     assert swarm.least_m >= 5.0

@@ -82,7 +82,7 @@ def test_one_that_comes_late_is_waited_for() -> None:
     """Its autopilot did not obey for a while: it holds on the way, and comes when it is steered again."""
     swarm = covering()
     late = swarm.aircraft[5]
-    late.pos_ned_m = (late.pos_ned_m[0], late.pos_ned_m[1] - 10.0, late.pos_ned_m[2])
+    late.put((late.pos_ned_m[0], late.pos_ned_m[1] - 10.0, late.pos_ned_m[2]))
     late.is_linked = False
     swarm.run(DURATION_S - 2.0)
     late.is_linked = True

@@ -84,7 +84,7 @@ def test_leader_that_holds_does_not_take_the_swarm_on() -> None:
     swarm = fleet(3)
     swarm.mute |= {2, 3}
     swarm.run(2.0)
-    swarm.aircraft[1].pos_ned_m = (0.0, 60.0, -8.0)
+    swarm.aircraft[1].put((0.0, 60.0, -8.0))
     swarm.run(3.0)
     assert swarm.aircraft[1].agent.swarm.election.acts
     assert swarm.aircraft[1].agent.swarm.phases.phase is SwarmPhase.TRANSIT

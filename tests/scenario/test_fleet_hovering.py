@@ -48,7 +48,7 @@ def test_part_that_is_met_tells_where_a_vehicle_hovers_that_fell_silent_among_th
     swarm.apart |= {1, 2}
     swarm.run(3.0)
     lost = swarm.aircraft[1]
-    lost.pos_ned_m = (lost.pos_ned_m[0], lost.pos_ned_m[1] - 15.0, lost.pos_ned_m[2])
+    lost.put((lost.pos_ned_m[0], lost.pos_ned_m[1] - 15.0, lost.pos_ned_m[2]))
     swarm.run(1.0)
     swarm.hung.add(1)
     swarm.run(4.0)
@@ -67,7 +67,7 @@ def test_others_fly_round_the_place_that_only_the_part_they_meet_can_tell_of() -
     swarm.apart |= {1, 2}
     swarm.run(1.0)
     lost = swarm.aircraft[1]
-    lost.pos_ned_m = (3.0, 40.0, lost.pos_ned_m[2])  # on their way
+    lost.put((3.0, 40.0, lost.pos_ned_m[2]))  # on their way
     swarm.run(1.0)
     swarm.hung.add(1)
     swarm.run(2.0)

@@ -139,7 +139,7 @@ def test_held_leader_takes_the_swarm_no_further() -> None:
     swarm.run(3.0)
     dest = swarm.aircraft[1].agent.localiser.destination.ned_m
     assert dest is not None
-    swarm.aircraft[1].pos_ned_m = add(swarm.aircraft[1].pos_ned_m, dest)
+    swarm.aircraft[1].put(add(swarm.aircraft[1].pos_ned_m, dest))
     swarm.run(5.0)
     assert swarm.acting() == [1]
     assert {one.agent.swarm.phases.phase for one in swarm.aircraft.values()} == {SwarmPhase.TRANSIT}

@@ -150,8 +150,8 @@ def test_false_tree_lets_nobody_nearer_to_the_true_one() -> None:
     """One that is led straight at d2, and told that the tree stands far beyond: the mission's own trunk holds."""
     swarm = fleet(2, "TRANSIT")
     one = swarm.aircraft[2]
-    one.pos_ned_m = (0.3, 45.0, -8.0)
-    swarm.aircraft[1].pos_ned_m = (25.0, 60.0, -8.0)
+    one.put((0.3, 45.0, -8.0))
+    swarm.aircraft[1].put((25.0, 60.0, -8.0))
     one.agent.movement.find_desired = lambda _: (0.0, 3.0, 0.0)  # type: ignore[attr-defined]
     one.agent.localiser.update_destination = lambda *_, **__: None  # type: ignore[method-assign]
     one.agent.localiser.destination.ned_m = (0.0, 300.0, 0.0)

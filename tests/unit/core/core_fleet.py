@@ -10,6 +10,7 @@ from copy import deepcopy
 from dataclasses import dataclass, field
 
 from companion.core.agent import TICK_S, Agent
+from companion.core.localisation.integrity.own_position import OwnPosition
 from companion.core.model.actions import Action, Ask, Say, SendBeacon, VelocitySetpoint
 from companion.core.model.beacon import Beacon
 from companion.core.model.events import (
@@ -77,6 +78,11 @@ class Aircraft:
     @property
     def state(self) -> FlightState:
         return self.agent.flight.state
+
+    def put(self, pos_ned_m: Vec3) -> None:
+        """There at once, as if it had flown there: or its agent would take the jump off what it is told."""
+        self.pos_ned_m = pos_ned_m
+        self.agent.own_position = OwnPosition(self.agent.localiser, self.agent.perception)
 
     def forget(self, vehicle_id: int) -> None:
         """As if it had never been heard."""
