@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import select
 import socket
 import subprocess
 import sys
@@ -21,6 +20,8 @@ from companion.mavlink.orders.order import ORDER_ID
 from companion.mavlink.peers.guard import SignedGuard
 from companion.mavlink.peers.peers_link import PeersLink
 from companion.mavlink.peers.session import open_session
+from companion.shell.links import open_link
+from companion.shell.urls import PEERS_SCHEMES, parse_url
 from mission.common.frames import LocalFrame, Wgs84
 from tests.programs.companion_kit import MISSION
 from tests.unit.core.core_kit import BEACON
@@ -47,9 +48,12 @@ def free_port() -> int:
 
 
 class Vehicles:
-    """Two vehicles in a thread of their own: they send beacons to the operator's port, and obey."""
+    """Two vehicles in a thread of their own: they send beacons to the operator's port, and obey.
 
-    def __init__(self, folder: Path, port: int, *, deaf: int = 0, airborne: bool = True) -> None:
+    `url`: of their link instead, where more than one program hears them.
+    """
+
+    def __init__(self, folder: Path, port: int, *, deaf: int = 0, airborne: bool = True, url: str = "") -> None:
         digest = hashlib.sha256((folder / "m.toml").read_bytes()).digest()
         self._books: dict[int, OrderBook] = {}
         self._links: dict[int, PeersLink] = {}
@@ -62,7 +66,7 @@ class Vehicles:
             self._links[k] = PeersLink(k, reader, guard, None, SignedOrders(book), ranging=False)
         self._deaf, self._airborne = deaf, airborne
         self.obeyed: dict[int, list[Order]] = {1: [], 2: []}
-        self._port = port
+        self._radio = open_link(parse_url(url or f"udpout://127.0.0.1:{port}", PEERS_SCHEMES))
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -70,23 +74,18 @@ class Vehicles:
     def close(self) -> None:
         self._stop.set()
         self._thread.join()
+        self._radio.close()
 
     def _run(self) -> None:
         now_s = 100.0
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as radio:
-            radio.connect(("127.0.0.1", self._port))
-            while not self._stop.wait(0.05):  # as fast as the operator's clock, which all go by
-                now_s += 0.05
-                try:
-                    for k in self._books:
-                        radio.send(self._beacon(k, now_s))
-                    while select.select([radio], [], [], 0.0)[0]:
-                        data = radio.recv(2000)
-                        for k, link in self._links.items():
-                            if k != self._deaf or not whole(data) or whole(data)[0][2] != ORDER_ID:
-                                link.read_datagram(data, now_s)
-                except ConnectionRefusedError:  # the program is not there yet, or not any more
-                    continue
+        while not self._stop.wait(0.05):  # as fast as the operator's clock, which all go by
+            now_s += 0.05
+            for k in self._books:
+                self._radio.send(self._beacon(k, now_s))
+            while (data := self._radio.recv()) is not None:
+                for k, link in self._links.items():
+                    if k != self._deaf or not whole(data) or whole(data)[0][2] != ORDER_ID:
+                        link.read_datagram(data, now_s)
 
     def _beacon(self, vehicle: int, now_s: float) -> bytes:
         book, link, obeyed = self._books[vehicle], self._links[vehicle], self.obeyed[vehicle]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import http.client
 import json
 import re
 import signal
@@ -40,9 +41,9 @@ def browser() -> Iterator[Browser]:
         yield one
 
 
-def command(port: int, *options: str) -> list[str]:
-    peers = ["--peers", f"udpin://127.0.0.1:{port}", "--listen", "127.0.0.1:0"]
-    return [sys.executable, "-m", "companion", "watch", *peers, *options]
+def command(port: int, *options: str, peers: str = "") -> list[str]:
+    links = ["--peers", peers or f"udpin://127.0.0.1:{port}", "--listen", "127.0.0.1:0"]
+    return [sys.executable, "-m", "companion", "watch", *links, *options]
 
 
 class Watch:
@@ -214,6 +215,36 @@ def test_buttons_are_within_reach_on_every_screen_and_no_barrier(
             assert browser.barriers() == []
     finally:
         browser.screen(390, 844, mobile=True)
+
+
+def test_terminal_still_orders_beside_the_page(folder: Path) -> None:
+    """Both are the operator's: vehicles hear both, and each is told of the other."""
+    peers = f"udpbcast://127.255.255.255:{free_port()}"
+    files = ["--mission", str(folder / "m.toml"), "--key", str(folder / "fleet" / "operator.key")]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    process = subprocess.Popen(command(0, *files, "--orders", peers=peers), **pipes)  # type: ignore[call-overload]
+    vehicles = Vehicles(folder, 0, url=peers)
+    try:
+        watch = Watch(process)
+        desk = http.client.HTTPConnection(watch.watch_url.split("/")[2], timeout=LIMIT_S)
+        desk.request("GET", "/heard")
+        stream, picture = desk.getresponse(), {}
+        while picture.get("orders", {}).get("ready") != [1, 2]:
+            if (line := stream.readline()).startswith(b"data: "):
+                picture = json.loads(line.removeprefix(b"data: "))
+        terminal = [sys.executable, "-m", "companion", "order", "abort", *files, "--peers", peers]
+        done = subprocess.run(terminal, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+        assert done.stdout.endswith("ABORT: acting on it: 1, 2\n")
+        assert done.returncode == 0
+        assert vehicles.obeyed == {1: [Order.ABORT], 2: [Order.ABORT]}
+        stream.close()
+        desk.close()
+        process.send_signal(signal.SIGINT)
+        assert process.communicate(timeout=LIMIT_S)[1] == "companion watch: another companion flies as vehicle 253\n"
+    finally:
+        vehicles.close()
+        process.kill()
+        process.communicate()
 
 
 @pytest.mark.parametrize("missing", ["--key", "--mission"])

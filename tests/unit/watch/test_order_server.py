@@ -5,12 +5,15 @@ from __future__ import annotations
 import http.client
 import json
 import socket
+import threading
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from http import HTTPStatus
 
 import pytest
 
+from companion.watch.orders.desk import Answer, Asked
 from companion.watch.orders.page_order import BODY_MAX_BYTES
 from companion.watch.orders.server import OrderServer
 from mission.common.network.connections import Patience, TooSlowError, read_body
@@ -122,6 +125,27 @@ def test_bodies_that_wait_keep_no_genuine_order_out() -> None:
         for client in held:
             client.close()
         assert one.kinds == ["ABORT"]
+
+
+def test_an_order_that_waits_for_the_loop_is_not_dropped_for_those_that_only_hold_on() -> None:
+    taken, go_on = threading.Event(), threading.Event()
+
+    def order(_: Asked) -> Answer:
+        taken.set()
+        assert go_on.wait(20.0)
+        return Answer(HTTPStatus.OK)
+
+    with ordering(order=order) as one, ExitStack() as held:
+        data = one.genuine("ABORT")
+        client = held.enter_context(one.connect())
+        client.sendall(one.head(len(data)) + data)
+        assert taken.wait(20.0)
+        for _ in range(40):
+            held.enter_context(one.connect()).sendall(b"GET / HTTP/1.1\r\n")
+        one.wait_for_line("too many connections")
+        assert one.status() == 200
+        go_on.set()
+        assert client.recv(15) == b"HTTP/1.0 200 OK"
 
 
 @pytest.mark.parametrize("every_s", [0.01, 1.0, 4.9, 100.0])
