@@ -149,7 +149,7 @@ class _Radio:
         wait_s = max(0.0, operator.due_s - time.monotonic())
         select.select((operator.link.fileno(), *fds, self._stop.fileno()), (), (), wait_s)
         now_s = time.monotonic()
-        operator.hear(now_s)
+        operator.hear_radio(now_s)
         operator.send_due(now_s, self._floods, _show)
         return now_s
 

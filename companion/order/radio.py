@@ -27,7 +27,7 @@ READS_S: Final = 0.03  # and for how long: a flood keeps no order waiting
 
 
 class OperatorRadio:
-    """A station and its link. `hear` and `send_due` in each turn, the next one at `due_s` at the latest."""
+    """A station and its link. `hear_radio` and `send_due` in each turn, the next one at `due_s` at the latest."""
 
     def __init__(self, station: OperatorStation, link: Link, *, knows_flight: bool) -> None:
         """`knows_flight`: this mission was started with this key before."""
@@ -36,7 +36,7 @@ class OperatorRadio:
         self.knows_flight: Final = knows_flight
         self.due_s = time.monotonic()
 
-    def hear(self, now_s: float, also: Callable[[bytes], object] = lambda _data: None) -> None:
+    def hear_radio(self, now_s: float, also: Callable[[bytes], object] = lambda _data: None) -> None:
         """Datagrams that have come, to the station, and to `also`."""
 
         def receive(data: bytes, at_s: float) -> None:
@@ -78,7 +78,7 @@ def open_radio_link(url: Url, opened: ExitStack) -> Link:
 
 
 def drain(link: Link, receive: Callable[[bytes, float], None], now_s: float) -> None:
-    """What has come on a link, within its bounds."""
+    """Hand over the datagrams that have come on a link, within the bounds of a turn."""
     until_s = time.monotonic() + READS_S
     for _ in range(READS_MAX):
         data = link.recv()

@@ -46,7 +46,7 @@ PICTURES_S: Final = 0.25  # four a second: ages in tenths need no more
 
 
 class Receiver(Protocol):
-    """Where the radio is heard."""
+    """The radio, as it is heard."""
 
     def receive_datagrams(self, wait_s: float) -> Iterator[bytes]:
         """Yield what comes, and wait so long at most for the first."""

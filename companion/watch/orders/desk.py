@@ -62,7 +62,7 @@ class OrderDesk:
         return self._key.nonce(self._clock())
 
     def picture(self) -> dict[str, str]:
-        """What a page needs to prove an order, and to see that its key is the right one."""
+        """Values by which a page proves an order, and sees that its key is the right one."""
         return {"check": self._key.check, "nonce": self.nonce()}
 
     def answer_request(self, body: bytes, address: str) -> Answer:
@@ -87,7 +87,7 @@ class OrderDesk:
             return asked.answer.result()  # it was taken at this moment
 
     def take_asked(self) -> Iterator[Asked]:
-        """Those that wait, and that nobody has given up; each is to be answered."""
+        """Yield orders that wait, and that nobody has given up; each is to be answered."""
         while True:
             try:
                 asked = self._asked.get_nowait()

@@ -73,7 +73,7 @@ class OrderKey:
             return self._newest
 
     def use_nonce(self, nonce: str, now_s: float) -> Nonce:
-        """What it was until now: it counts once. Only for an order that is proven: nobody else uses any up."""
+        """Its state until now: it counts once. Only for an order that is proven: nobody else uses any up."""
         with self._lock:
             since_s, used = self._issued.get(nonce, (float("-inf"), False))
             if now_s - since_s >= NONCE_S:

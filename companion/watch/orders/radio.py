@@ -95,7 +95,7 @@ class OrderingReceiver:
         select.select((radio.link.fileno(),), (), (), min(wait_s, until_due_s))
         now_s = time.monotonic()
         heard: list[bytes] = []
-        radio.hear(now_s, heard.append)
+        radio.hear_radio(now_s, heard.append)
         for asked in self._desk.take_asked():
             asked.answer.set_result(self._order(asked, now_s))
         radio.send_due(now_s, self._floods, self._show)

@@ -63,8 +63,8 @@ def read_head(read: Callable[[float], bytes], clock: Callable[[], float], until_
 def read_body(
     read: Callable[[float], bytes], come: bytes, length: int, clock: Callable[[], float], until_s: float
 ) -> bytes:
-    """The `length` bytes behind a head, of which `come` came with it. `read`, `until_s`: as of `read_head`, which bounds
-    nothing of it: the caller does. TooSlowError; ConnectionError when the other end goes before."""
+    """The `length` bytes behind a head, of which `come` came with it. `read`, `until_s`: as of `read_head`; the caller
+    bounds `length`. TooSlowError; ConnectionError when the other end goes before."""
     while len(come) < length:
         left_s = until_s - clock()
         if left_s <= 0.0:
