@@ -38,6 +38,7 @@ from sim_bridge.judge.observer import Observer
 from sim_bridge.judge.outcome import Outcome, conclude
 from sim_bridge.judge.progress import Progress, Status
 from sim_bridge.judge.recording import Recorder, Trace
+from sim_bridge.judge.run_folder import BEACONS_LOST
 from sim_bridge.judge.tick import Tick
 from sim_bridge.world.airframe.base import AirframeFactory
 from sim_bridge.world.airframe.jsbsim_quad import jsbsim_airframes
@@ -314,7 +315,8 @@ def fly(
         except KeyboardInterrupt:
             ended = "interrupted"
         flown_s = time.perf_counter() - began_flying_s
-        records = flight.tell_records()
+        lost = [world.radio.missed_share(k) for k in world.vehicles]
+        records = {**flight.tell_records(), BEACONS_LOST: [None if one is None else round(one, 4) for one in lost]}
         stems = None if harvest is None else measure_stems(harvest.own_records(), mission, stand)
     if forks is not None and forks.failure is not None:
         flight.observer.tell_once(flight.world.now_s, loss(0, forks.failure))
