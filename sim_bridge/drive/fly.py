@@ -47,6 +47,7 @@ from sim_bridge.world.sensors.table import link_name
 from sim_bridge.world.strikes import strike
 from sim_bridge.world.world import World
 
+INTERRUPTED = "interrupted"  # why a flight ended
 MISSION_NAME, ORIGINAL_NAME = "mission.toml", "mission.original.toml"
 BEACONS_REMEMBERED = 1024  # four from each of 256 vehicles: more than are under way at a time
 LINKS = {Link.ONBOARD: StreamProfile.MINIMAL, Link.GROUND: StreamProfile.MINIMAL}
@@ -313,7 +314,7 @@ def fly(
         try:
             ended = _run(flight, progress, factor, watch, live)
         except KeyboardInterrupt:
-            ended = "interrupted"
+            ended = INTERRUPTED
         flown_s = time.perf_counter() - began_flying_s
         lost = [world.radio.missed_share(k) for k in world.vehicles]
         records = {**flight.tell_records(), BEACONS_LOST: [None if one is None else round(one, 4) for one in lost]}
@@ -374,6 +375,8 @@ def _run(
     live: Live | None,
 ) -> str:
     """Tick until the end; why it ended."""
+    if live is not None:
+        live.await_look(flight, lambda: flight.show_events(progress))
     began_s = time.perf_counter()
     while True:
         flight.show_events(progress)

@@ -97,7 +97,7 @@ function live(page, doc, stream, themed) {
     received: ({ pace }) => pace && controls.setPace(pace),
     over: ({ verdict, limits, report }) => {
       ended(verdict, limits);
-      if (report) bar.append(el("p", { class: "note" }, `Replay: ${report}`));
+      if (report) bar.append(el("p", { class: "note" }, el("a", { href: "./" }, "The whole replay"), `, with figures and a table of vehicles, is also in ${report}`));
     },
     lost: () => ended({ text: "Link to the simulation lost; this is what was received", succeeded: null }, []),
   });
