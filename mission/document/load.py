@@ -91,7 +91,7 @@ def _parse(text: str, place: str, folder: str | None = None) -> Document:
         lines = locate(text)
     except TooMuchError as error:
         raise refused(place, error.line, str(error)) from None
-    values = _toml_values(text, place)
+    values = parse_toml(text, place)
     rename_keys(values, lines, place)
     place_trees(values, lines, place, folder)
 
@@ -148,7 +148,8 @@ def _pairs(table: Mapping[str, Any]) -> str:
     )
 
 
-def _toml_values(text: str, place: str) -> dict[str, Any]:
+def parse_toml(text: str, place: str) -> dict[str, Any]:
+    """Values of any TOML document. MissionError names the line, and `place` as the file."""
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
