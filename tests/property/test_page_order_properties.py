@@ -1,4 +1,4 @@
-"""Whatever is sent as an order of the page: nothing raises, nothing is ordered without the key, and what is read is in bounds."""
+"""Whatever is sent as an order of the page: nothing raises, and nothing is ordered without the key."""
 
 from __future__ import annotations
 
