@@ -68,7 +68,7 @@ $(DEV_READY): $(READY) requirements-dev.lock
 # Not compiled first: a visitor sees a swarm fly two minutes earlier, and it is the same flight.
 fly: $(READY)
 	@test -e $(COMPILED) || echo "flying pure Python; make install compiles what flies, for more speed"
-	$(BIN)/sim-bridge fly $(MISSION) --map $(FLY)
+	$(BIN)/sim-bridge fly $(MISSION) --map --open $(FLY)
 
 # Swarms fly compiled, which takes about half of the time; those of these tests that need the sources come after.
 # Those of tests/interop mostly wait for the wall clock: many side by side, when the others no longer need the cores. Real

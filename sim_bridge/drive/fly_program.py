@@ -7,7 +7,6 @@ import contextlib
 import os
 import shutil
 import sys
-import webbrowser
 from pathlib import Path
 
 from mission.cli.main import EXIT_BAD_FILE
@@ -23,10 +22,11 @@ from sim_bridge.drive.entrant.stages import Entrant
 from sim_bridge.drive.external.options import ExternalAutopilots
 from sim_bridge.drive.external.program import fly_external
 from sim_bridge.drive.faults import with_options
-from sim_bridge.drive.fly import ORIGINAL_NAME, fly
+from sim_bridge.drive.fly import INTERRUPTED, ORIGINAL_NAME, fly
 from sim_bridge.drive.interrupts import interrupt_once
 from sim_bridge.drive.links.ports import PORT_MAX
 from sim_bridge.drive.links.router import parse_url
+from sim_bridge.drive.live.audience import LOOK_S, is_attended, stay
 from sim_bridge.drive.live.live import CONTROLS, Live
 from sim_bridge.drive.live.map import Map
 from sim_bridge.drive.live.pace import Pace
@@ -50,6 +50,8 @@ def run(args: argparse.Namespace) -> int:
         raise StartError("--signed: flies in the bridge alone, not over --autopilots", EXIT_BAD_FILE)
     mission, original = _mission(args, external)
     interrupt_once()
+    if args.stay is None:
+        args.stay = is_attended()
     folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
     (folder / ORIGINAL_NAME).write_bytes(original)  # the file may change, or go, while it is flown
     if mission.forest.file is not None:
@@ -79,6 +81,10 @@ def run(args: argparse.Namespace) -> int:
         code = present(outcome, folder, unwritten, as_json=args.json, verbose=args.verbose)
         if map_ is not None:
             map_.send_changes(over=describe_end(outcome, folder))
+            if args.stay and outcome.ended != INTERRUPTED:
+                sys.stdout.flush()
+                with Progress(sys.stderr) as progress:
+                    stay(map_, progress, outcome.metrics.sim_time_s)
     if args.open and args.map is None and (folder / page.PAGE_NAME).exists():
         page.show(folder / page.PAGE_NAME)
     return code
@@ -118,8 +124,8 @@ def _announce(
     if map_ is not None:
         for line in own_addresses.lines("live map:", map_.urls):
             progress.event(0.0, line)
-        if args.open:
-            webbrowser.open(map_.urls[0])
+        if args.open and not page.show(map_.urls[0]):
+            progress.event(0.0, "no display here: open the address in a browser that reaches this computer")
     if mission.flies_blind:
         progress.event(0.0, "no [sensing]: vehicles do not see the forest")
     if not entrant.is_ours:
@@ -137,7 +143,8 @@ def _fly(
 ) -> Outcome:
     """Over the simulator's own autopilots."""
     mission = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
-    live = None if map_ is None else Live(map_, Pace(args.speed), title)
+    look_s = LOOK_S if args.stay else 0.0
+    live = None if map_ is None else Live(map_, Pace(args.speed), title, look_s)
     return fly(
         mission,
         folder,

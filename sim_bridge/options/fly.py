@@ -85,7 +85,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="metrics.json's content on standard output")
     add_map(parser, "; the flight slows down to 5 times real time while somebody looks")
     parser.add_argument(
-        "--open", action="store_true", help="show the map in the browser, or without one the replay when it is over"
+        "--open",
+        action="store_true",
+        help="show the map in the browser, or without one the replay when it is over; nothing without a display",
+    )
+    parser.add_argument(
+        "--stay",
+        action=argparse.BooleanOptionalAction,
+        help="with --map: wait some seconds for the first look, and keep the map, with the replay in it, until Ctrl-C "
+        "when the flight is over (default: on a terminal)",
     )
 
 
