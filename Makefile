@@ -178,10 +178,10 @@ COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --generate-ha
   --custom-compile-command 'make lock'
 
 # Without rerun, whose 250 MB one test wants, which is skipped where they are not.
-DEV_EXTRAS := sim cluster pandas ros2 build dev
+DEV_EXTRAS := sim edit cluster pandas ros2 build dev
 
 lock: $(DEV_READY)
-	$(COMPILE) pyproject.toml --extra sim --extra build -o requirements.lock
+	$(COMPILE) pyproject.toml --extra sim --extra edit --extra build -o requirements.lock
 	$(COMPILE) pyproject.toml --extra survey companion/board/installer.in -c requirements.lock -o requirements-board.lock
 	$(COMPILE) pyproject.toml $(DEV_EXTRAS:%=--extra %) -c requirements.lock -o requirements-dev.lock
 	for simulator in $(OTHER_SIMULATORS); do $(COMPILE) tests/bench/other_simulators/$$simulator.in -o tests/bench/other_simulators/$$simulator.lock; done

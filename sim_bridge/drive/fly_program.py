@@ -35,9 +35,11 @@ from sim_bridge.errors import StartError
 from sim_bridge.judge import page
 from sim_bridge.judge.outcome import Outcome, describe_end, present, write_page
 from sim_bridge.judge.progress import Progress
+from sim_bridge.world.airframe.point_mass import point_mass_airframes
 from sim_bridge.world.world import DEFAULT_ORIGIN
 
 PROCESSES, IN_PROCESS = "processes", "in-process"
+POINT_MASS = "point-mass"
 
 
 def run(args: argparse.Namespace) -> int:
@@ -126,6 +128,8 @@ def _announce(
             progress.event(0.0, line)
         if args.open and not page.show(map_.urls[0]):
             progress.event(0.0, "no display here: open the address in a browser that reaches this computer")
+    if args.airframe == POINT_MASS:
+        progress.event(0.0, "point masses: no flight dynamics, still air")
     if mission.flies_blind:
         progress.event(0.0, "no [sensing]: vehicles do not see the forest")
     if not entrant.is_ours:
@@ -151,6 +155,7 @@ def _fly(
         progress,
         in_process=args.agents == IN_PROCESS,
         factor=args.speed,
+        airframes=point_mass_airframes(mission) if args.airframe == POINT_MASS else None,
         live=live,
         entrant=entrant,
         keys=FleetKeys(mission) if args.signed else None,
@@ -177,6 +182,8 @@ def _external(args: argparse.Namespace) -> ExternalAutopilots | None:
         if args.launch is not None or args.first_port is not None:
             raise StartError("--launch and --first-port want --autopilots", EXIT_BAD_FILE)
         return None
+    if args.airframe is not None:
+        raise StartError("--airframe: is of simulated vehicles, not of --autopilots", EXIT_BAD_FILE)
     if args.speed is not None or args.agents == IN_PROCESS:
         raise StartError("--autopilots: flies in real time, with agents as processes", EXIT_BAD_FILE)
     if args.first_port is not None and not 1 <= args.first_port <= PORT_MAX:

@@ -37,6 +37,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="as fast as it goes (max, the default), or so many times real time",
     )
     parser.add_argument(
+        "--airframe",
+        choices=("jsbsim", "point-mass"),
+        help="jsbsim (the default): quadrotors with flight dynamics. point-mass: bodies that follow their commanded "
+        "velocity with a lag of 0.3 s, in still air: quicker, for a first look",
+    )
+    parser.add_argument(
         "--agents",
         choices=("processes", "in-process"),
         help="each companion a program of its own (default, without --law), or all in this one; the flight is the same "
