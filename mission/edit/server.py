@@ -142,17 +142,16 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         self.rfile.close()
         self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
         self.wfile = _Writer(self.connection, self.server)
-        self._came = b""  # so far; once the head is read, what came of the body with it
+        self._came = b""  # of the body, with the head
 
     def handle(self) -> None:
         """One request, whole and in time, and its answer."""
         server = self.server
         try:
-            head = read_head(self._read_some, server.clock, server.clock() + server.patience.head_s)
+            head, self._came = read_head(self._read_some, server.clock, server.clock() + server.patience.head_s)
             if head:
                 server.mark_asked(self.request)
                 self.rfile = io.BytesIO(head)
-                self._came = self._came[len(head) :]
                 self.handle_one_request()
         except (TooSlowError, OSError):  # it has gone, or dawdles
             pass
@@ -160,7 +159,6 @@ class _Handler(http.server.BaseHTTPRequestHandler):
     def _read_some(self, wait_s: float) -> bytes:
         self.connection.settimeout(wait_s)
         data: bytes = self.connection.recv(4096)
-        self._came += data
         return data
 
     def do_GET(self) -> None:
