@@ -19,6 +19,7 @@ from typing import Any, ClassVar, Final
 from urllib.parse import parse_qs, unquote, urlsplit
 
 from mission.common.network.connections import (
+    CHUNK_BYTES,
     SEND_BUFFER_BYTES,
     Connections,
     Patience,
@@ -143,13 +144,13 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         self.rfile.close()
         self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
         self.wfile = _Writer(self.connection, self.server)
-        self._behind_head = b""  # what came of the body with it
 
     def handle(self) -> None:
         """One request, whole and in time, and its answer."""
         server = self.server
         try:
-            head, self._behind_head = read_head(self._read_some, server.clock, server.clock() + server.patience.head_s)
+            until_s = server.clock() + server.patience.head_s
+            head, self._behind_head = read_head(self._read_some, server.clock, until_s)
             if head:
                 server.mark_asked(self.request)
                 self.rfile = io.BytesIO(head)
@@ -159,7 +160,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
 
     def _read_some(self, wait_s: float) -> bytes:
         self.connection.settimeout(wait_s)
-        data: bytes = self.connection.recv(1 << 16)
+        data: bytes = self.connection.recv(CHUNK_BYTES)
         return data
 
     def do_GET(self) -> None:
@@ -206,11 +207,10 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         said = self.headers.get("Content-Length", "")
         if not (said.isascii() and said.isdecimal() and len(said) < 12):
             raise RefusalError(HTTPStatus.LENGTH_REQUIRED, "must have a Content-Length")
-        length = int(said)
-        if length > BODY_MAX_BYTES:
+        if int(said) > BODY_MAX_BYTES:
             raise RefusalError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"must be at most {BODY_MAX_BYTES >> 20} MiB")
         clock = self.server.clock
-        return read_body(self._read_some, self._behind_head, length, clock, clock() + BODY_S)
+        return read_body(self._read_some, self._behind_head, int(said), clock, clock() + BODY_S)
 
     def _host_is_ours(self) -> bool:
         """The address itself: a page elsewhere cannot have its own name lead here."""
