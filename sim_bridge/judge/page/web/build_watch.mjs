@@ -11,11 +11,15 @@ const shared = { absWorkingDir: here, bundle: true, minify: true, legalComments:
 
 const script = await build({ ...shared, entryPoints: ["watch/watch.js"], format: "iife", target: "es2022", metafile: true });
 const style = await build({ ...shared, entryPoints: ["watch/watch.css"] });
-const sources = ["build_watch.mjs", "watch/watch.css", "watch/watch.html", ...Object.keys(Object.values(script.metafile.outputs)[0].inputs)].sort();
+const inputs = Object.keys(Object.values(script.metafile.outputs)[0].inputs);
+const sources = ["build_watch.mjs", "watch/watch.css", "watch/watch.html", ...inputs.filter((name) => !name.startsWith("node_modules/"))].sort();
 const digests = []; // of what is in it: without npm, a test still sees that something was not built
 for (const name of sources) digests.push(`${name} ${createHash("sha256").update(await readFile(join(here, name))).digest("hex")}`);
+const noble = join(here, "node_modules", "@noble", "hashes");
+const { version } = JSON.parse(await readFile(join(noble, "package.json"), "utf8"));
+const licence = (await readFile(join(noble, "LICENSE"), "utf8")).trim();
 const files = {
-  "watch.js": `/* sources, sha256:\n${digests.join("\n")}\n*/\n${script.outputFiles[0].text}`,
+  "watch.js": `/* With @noble/hashes ${version}:\n${licence}\n\nsources, sha256:\n${digests.join("\n")}\n*/\n${script.outputFiles[0].text}`,
   "watch.css": style.outputFiles[0].text,
   "watch.html": await readFile(join(here, "watch", "watch.html"), "utf8"),
 };
