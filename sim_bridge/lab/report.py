@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import json
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,14 +20,17 @@ from sim_bridge.judge import page, run_folder
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import Metrics, measure
 from sim_bridge.judge.outcome import print_figures
+from sim_bridge.judge.page.basemap import piece_of
 from sim_bridge.judge.page.black_boxes import box_lines, box_section, read_boxes
 from sim_bridge.judge.page.replay import Verdict, replay
 from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.run_folder import MISSION_NAME
 from sim_bridge.judge.verdict import judge, with_notes
+from sim_bridge.lab.compare import NAMES, compare_figures, comparison, table
 
 ROWS = "rows.jsonl"  # of a study's folder
+COMPARISON = "comparison.html"
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,13 +66,18 @@ def run(args: argparse.Namespace) -> int:
     """Exit code: 0, 1 a mission failed. RunFolderError or MissionError: a folder is not that of a flight."""
     folder: Path = args.folder
     if (folder / ROWS).is_file():
+        if args.against is not None or args.map is not None:
+            raise StartError(f"{folder}: is a study: --against and --map are for flights", EXIT_BAD_FILE)
         return _study(args)
+    if args.against is not None:
+        return _compare(args)
     with Progress(sys.stderr) as signs:
         with signs.working("measuring the flight"):
             flight = judged(folder)
         with signs.working("writing its replay"):
             boxes = read_boxes(folder)
-            text = page.page(flight.document(), flight.title, box_section(boxes))
+            document = flight.document() | _chart(args, [flight])
+            text = page.page(document, flight.title, box_section(boxes))
     file: Path = args.out or folder / page.PAGE_NAME
     run_folder.write(file, text.encode())
     if args.json:
@@ -83,6 +92,39 @@ def run(args: argparse.Namespace) -> int:
     if args.open:
         page.show(file)
     return 1 if flight.verdict.succeeded is False else 0
+
+
+def _compare(args: argparse.Namespace) -> int:
+    """Exit code: 0, 1 a mission of the two failed."""
+    with Progress(sys.stderr) as signs:
+        with signs.working("measuring the flights"):
+            flights = [judged(folder) for folder in (args.folder, args.against)]
+        with signs.working("writing their replay"):
+            document = comparison(*flights) | _chart(args, flights)
+            text = page.page(document, document["title"])
+    file: Path = args.out or args.folder / COMPARISON
+    run_folder.write(file, text.encode())
+    if args.json:
+        print(json.dumps(document["comparison"]))
+    else:
+        for line in document["against"]["notes"]:
+            print(line)
+        for line in table(compare_figures(*flights)):
+            print(line)
+        for name, flight in zip(NAMES, flights, strict=True):
+            print(f"{name} {flight.folder}: {flight.verdict.text or 'no verdict'}")
+        print(f"both: {file}")
+    if args.open:
+        page.show(file)
+    return 1 if any(flight.verdict.succeeded is False for flight in flights) else 0
+
+
+def _chart(args: argparse.Namespace, flights: Sequence[Judged]) -> dict[str, Any]:
+    if args.map is None:
+        if args.utm is not None:
+            raise StartError(f"--utm {args.utm}: is for an image that --map names", EXIT_BAD_FILE)
+        return {}
+    return {"chart": piece_of(args.map, args.utm, [(flight.recording, flight.mission) for flight in flights])}
 
 
 def _study(args: argparse.Namespace) -> int:
