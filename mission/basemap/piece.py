@@ -24,7 +24,7 @@ class Area(NamedTuple):
 
 
 def cut_piece(chart: Chart, area: Area) -> dict[str, Any] | None:
-    """What pages draw of `chart` about `area`, from the finest zoom that there is room for on; None: nothing.
+    """The tiles of `chart` about `area`, from the finest zoom that there is room for on; None: there are none.
 
     As `About`, with `tiles`: data URLs by "zoom/x/y", or `image`: that of a map that is one.
     """

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from sim_bridge.judge.metrics import FIGURES
 from sim_bridge.judge.metrics.figures import Better
-
-if TYPE_CHECKING:
-    from sim_bridge.lab.report import Judged
+from sim_bridge.lab.judged import Judged
 
 NAMES = ("A", "B")
 
@@ -65,7 +63,7 @@ def comparison(a: Judged, b: Judged) -> dict[str, Any]:
 
 
 def notes(a: Judged, b: Judged) -> list[str]:
-    """What a reader must know of the two before comparing them."""
+    """Differences of stand, route and size, which a reader must know of before comparing."""
     found = []
     if (a.stand.trees, a.stand.bushes, a.stand.boxes) != (b.stand.trees, b.stand.bushes, b.stand.boxes):
         found.append("They flew in different stands: trees are those of A.")

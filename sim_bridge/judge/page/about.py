@@ -100,6 +100,7 @@ ABOUT: Final[dict[str, About]] = {
     "events[].vehicles": About("array of integers", "", "Ids that it is about."),
     "events[].text": About("text", "", "What happened; of `lead` with its reason."),
     "events[].severity": About("text", "", "MAVLink's, of a `text`; else absent."),
+    "stand_report": About("text", "", "The forester's page, from the run folder. Absent: the flight surveyed nothing."),
     "chart": About("object", "", "The reader's own map, of `report --map`. Absent: there is none."),
     "chart.tiles": About("object", "", "Data URLs of web Mercator's tiles, by zoom/x/y, y from the north; or `image`."),
     "by_vehicle[].id": About("integer", "", "1 ... n. Of a flight under way there are no rows."),
