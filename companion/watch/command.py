@@ -22,8 +22,6 @@ from companion.order.radio import open_operator
 from companion.shell.links import LinkError
 from companion.shell.urls import HEARING_SCHEMES, parse_url
 from companion.watch.alarms import alarms
-from companion.watch.chart import Chart, ChartError
-from companion.watch.charts import open_chart
 from companion.watch.heard import Heard
 from companion.watch.listening_guard import ListeningGuard
 from companion.watch.orders.desk import OrderDesk
@@ -33,6 +31,8 @@ from companion.watch.orders.server import OrderServer
 from companion.watch.server import Stream, WatchServer
 from companion.watch.udp_receiver import UdpReceiver
 from mission import __version__
+from mission.basemap.chart import Chart, ChartError
+from mission.basemap.charts import open_chart
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
 from mission.common.frames import LocalFrame, enu_to_ned
 from mission.common.network import own_addresses
