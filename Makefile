@@ -11,7 +11,7 @@ DEV_READY := $(VENV)/.ready-dev
 MISSION ?= mission/examples/lone_tree.toml
 FLY ?=
 
-.PHONY: help install pure fly test fuzz taken-out mutants coverage check bench referees other-simulators conformance table1 bundle board-test docs dialect page page-check lock clean
+.PHONY: help install pure fly test fuzz taken-out mutants coverage check bench referees other-simulators conformance table1 bundle board-test docs dialect page page-check site lock clean
 
 help:
 	@echo "make fly      set everything up, fly 8 vehicles to a tree     (MISSION=... FLY='-n 4 --seed 2')"
@@ -34,6 +34,7 @@ help:
 	@echo "make docs     generate the reference from the code"
 	@echo "make page     build the pages of replay and companion watch anew (npm)"
 	@echo "make page-check  lint and unit tests of the pages; are the committed ones what their sources build to (npm)"
+	@echo "make site     the documentation as static pages, with a swarm that flies in the browser: dist/site (npm, node)"
 	@echo "make dialect  generate what is made of companion/mavlink/schema"
 	@echo "make lock     resolve requirements*.lock anew"
 
@@ -174,6 +175,19 @@ page:
 page-check:
 	cd $(WEB) && npm ci && npm run lint && npm test && npm run check
 
+# The pages' generator in an environment of its own.
+SITE := .venv-site
+
+$(SITE)/.ready: website/site.lock
+	@echo "installing the site's generator into $(SITE): some seconds, once"
+	@$(PYTHON) -m venv $(SITE)
+	@$(SITE)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r $<
+	@touch $@
+
+site: $(READY) $(SITE)/.ready
+	cd website && npm ci
+	$(BIN)/python -m website.build dist/site --zensical $(abspath $(SITE))/bin/zensical
+
 COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --generate-hashes --no-strip-extras --quiet --no-emit-index-url \
   --custom-compile-command 'make lock'
 
@@ -185,7 +199,9 @@ lock: $(DEV_READY)
 	$(COMPILE) pyproject.toml --extra survey companion/board/installer.in -c requirements.lock -o requirements-board.lock
 	$(COMPILE) pyproject.toml $(DEV_EXTRAS:%=--extra %) -c requirements.lock -o requirements-dev.lock
 	for simulator in $(OTHER_SIMULATORS); do $(COMPILE) tests/bench/other_simulators/$$simulator.in -o tests/bench/other_simulators/$$simulator.lock; done
+	$(COMPILE) website/site.in -o website/site.lock
+	$(BIN)/python -m website.build --lock
 	$(COMPILE) tests/mutants/mutmut.in -c requirements-dev.lock -o tests/mutants/mutmut.lock
 
 clean: pure
-	rm -rf $(VENV) .venv-other-simulators $(MUTANTS) $(WEB)/node_modules build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) .venv-other-simulators $(MUTANTS) $(SITE) $(WEB)/node_modules website/node_modules build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -19,7 +19,7 @@ def simulated_sensors(mission: Mission, stand: Stand, ids: Sequence[int]) -> tup
 
 
 def _raw_lidars_of(mission: Mission, stand: Stand, ids: Sequence[int]) -> SimulatedSensor | None:
-    """Those whose rays are cast with arrays: numpy's part of that is loaded only then."""
+    """Lidars that tell every ray; what casts them, with arrays, is loaded only then."""
     if mission.sensing is None or mission.sensing.sensor is SensorClass.SECTORS:
         return None
     from sim_bridge.world.sensors.raw_lidar import raw_lidars_of
