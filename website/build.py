@@ -16,6 +16,9 @@ from website.pages import ROOT, config, stage_pages
 HERE: Final = Path(__file__).parent
 WORK: Final = ROOT / "build" / "site"
 PAGE: Final = HERE / "page"
+MERMAID: Final = (
+    HERE / "node_modules" / "@mermaid-js" / "tiny" / "dist" / "mermaid.tiny.js"
+)  # else the pages would load it elsewhere
 
 
 def main(argv: Sequence[str]) -> int:
@@ -43,6 +46,7 @@ def build_pages(out: Path, zensical: str) -> bool:
     stage_pages(WORK / "pages")
     shutil.copytree(HERE / "overrides", WORK / "overrides")
     shutil.copytree(HERE / "style", WORK / "pages" / "website")
+    shutil.copyfile(MERMAID, WORK / "pages" / "website" / MERMAID.name)
     (WORK / "zensical.toml").write_text(config(), encoding="utf-8")
     command = [zensical, "build", "--strict", "--clean", "--config-file", str(WORK / "zensical.toml")]
     if subprocess.run(command, cwd=WORK, check=False).returncode:

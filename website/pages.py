@@ -14,6 +14,8 @@ from mission import __version__
 ROOT: Final = Path(__file__).parents[1]
 LINK: Final = re.compile(r"(!?\[[^\]\n]*(?:\][^\[\]\n()]*)?\]\()([^)\s#]*)((?:#[^)\s]*)?\))")
 NAV_LINK: Final = re.compile(r"\[([^\]]+)\]\(([^)#\s]+\.md)\)")
+ITEM: Final = re.compile(r"(?:[-*]|[0-9]+\.) +")
+INDENT: Final = 4
 FENCE: Final = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
 SHOWN_AS: Final = {"README.md": "index.md"}
 
@@ -28,7 +30,22 @@ def stage_pages(folder: Path) -> None:
                 _copy(target, folder)
         to = folder / page.relative_to(ROOT)
         to.parent.mkdir(parents=True, exist_ok=True)
-        to.with_name(SHOWN_AS.get(to.name, to.name)).write_text(_with_indices(text), encoding="utf-8")
+        to.with_name(SHOWN_AS.get(to.name, to.name)).write_text(indented(_with_indices(text)), encoding="utf-8")
+
+
+def indented(text: str) -> str:
+    """What belongs to an item of a list by four spaces, as the generator wants; forges go by where its text begins."""
+    lines, more, width = [], 0, 0
+    fenced = False
+    for line in text.split("\n"):
+        if item := None if fenced else ITEM.match(line):
+            width, more = len(item[0]), max(0, INDENT - len(item[0]))
+        elif line and not line.startswith(" " * width if width else "\0"):
+            width = more = 0
+        if width == 0 and line.startswith("```"):
+            fenced = not fenced
+        lines.append(" " * more + line if width and line and not item else line)
+    return "\n".join(lines)
 
 
 def config() -> str:
@@ -75,6 +92,7 @@ slugify.kwds.case = "lower"
 
 [project.markdown_extensions.pymdownx.highlight]
 [project.markdown_extensions.pymdownx.superfences]
+custom_fences = [{ name = "mermaid", class = "mermaid", format = "pymdownx.superfences.fence_code_format" }]
 """
 
 
