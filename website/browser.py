@@ -41,8 +41,8 @@ def build_software(out: Path) -> None:
             with zipfile.ZipFile(wheel) as archive:
                 archive.extractall(packages)
         copy_sources(sources)
-        for name in (packages, sources):
-            command = ["node", str(HERE / "compile.mjs"), str(PYODIDE), str(name), str(out / f"{name.name}.zip")]
+        for made in (packages, sources):
+            command = ["node", str(HERE / "compile.mjs"), str(PYODIDE), str(made), str(out / f"{made.name}.zip")]
             subprocess.run(command, check=True)
 
 

@@ -35,10 +35,12 @@ def stage_pages(folder: Path) -> None:
 
 def indented(text: str) -> str:
     """What belongs to an item of a list by four spaces, as the generator wants; forges go by where its text begins."""
-    lines, more, width = [], 0, 0
+    lines: list[str] = []
+    more = width = 0
     fenced = False
     for line in text.split("\n"):
-        if item := None if fenced else ITEM.match(line):
+        item = None if fenced else ITEM.match(line)
+        if item:
             width, more = len(item[0]), max(0, INDENT - len(item[0]))
         elif line and not line.startswith(" " * width if width else "\0"):
             width = more = 0
@@ -101,9 +103,9 @@ def navigation() -> list[Any]:
     nav: list[Any] = [{"Understory": "index.md"}]
     docs = ROOT / "docs" / "README.md"
     nav.append({"All pages": "docs/index.md"})
-    nav += [{"Tutorial": "docs/tutorial.md"}, {"Your first stand": "docs/first-stand.md"}]
-    listed = {"docs/tutorial.md", "docs/first-stand.md"}
-    for section in docs.read_text(encoding="utf-8").split("\n## ")[1:]:
+    begun, *sections = docs.read_text(encoding="utf-8").split("\n## ")
+    listed = set[str]()
+    for section in (f"Begin\n{begun}", *sections):
         title, _, body = section.partition("\n")
         entries: list[Any] = []
         for text, path in NAV_LINK.findall(body):
