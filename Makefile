@@ -11,7 +11,7 @@ DEV_READY := $(VENV)/.ready-dev
 MISSION ?= mission/examples/lone_tree.toml
 FLY ?=
 
-.PHONY: help install pure fly test fuzz taken-out mutants coverage check bench referees other-simulators conformance table1 bundle board-test docs dialect page page-check site lock clean
+.PHONY: help install pure fly test fuzz taken-out mutants coverage check bench referees other-simulators conformance table1 bundle board-test docs dialect page page-check site site-parts site-check lock clean
 
 help:
 	@echo "make fly      set everything up, fly 8 vehicles to a tree     (MISSION=... FLY='-n 4 --seed 2')"
@@ -35,6 +35,7 @@ help:
 	@echo "make page     build the pages of replay and companion watch anew (npm)"
 	@echo "make page-check  lint and unit tests of the pages; are the committed ones what their sources build to (npm)"
 	@echo "make site     the documentation as static pages, with a swarm that flies in the browser: dist/site (npm, node)"
+	@echo "make site-check  the same, and what its page flies, in Chromium, beside the same flight without a browser"
 	@echo "make dialect  generate what is made of companion/mavlink/schema"
 	@echo "make lock     resolve requirements*.lock anew"
 
@@ -184,9 +185,19 @@ $(SITE)/.ready: website/site.lock
 	@$(SITE)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r $<
 	@touch $@
 
-site: $(READY) $(SITE)/.ready
+build/site-wheels/.ready: website/browser.lock $(READY)
+	$(BIN)/python -m website.build --fetch
+	@touch $@
+
+# What a site is built of, and comes over a network.
+site-parts: $(READY) $(SITE)/.ready build/site-wheels/.ready
 	cd website && npm ci
+
+site: site-parts
 	$(BIN)/python -m website.build dist/site --zensical $(abspath $(SITE))/bin/zensical
+
+site-check: site $(DEV_READY)
+	SITE=$(abspath dist/site) $(BIN)/python -m pytest tests/site
 
 COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --generate-hashes --no-strip-extras --quiet --no-emit-index-url \
   --custom-compile-command 'make lock'

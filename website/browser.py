@@ -30,14 +30,14 @@ for name, module in sys.modules.items():
 """
 
 
-def build_software(out: Path) -> None:
-    """Pyodide, packages and sources into `out`. OSError, CalledProcessError."""
+def build_software(out: Path, wheels: Path) -> None:
+    """Pyodide, packages (of the folder `wheels`) and sources into `out`. OSError, CalledProcessError."""
     (out / "pyodide").mkdir(parents=True)
     for name in RUNTIME:
         shutil.copyfile(PYODIDE / name, out / "pyodide" / name)
     with tempfile.TemporaryDirectory(prefix="understory-") as folder:
         packages, sources = Path(folder, "packages"), Path(folder, "sources")
-        for wheel in fetch_packages(Path(folder, "wheels")):
+        for wheel in sorted(wheels.glob("*.whl")):
             with zipfile.ZipFile(wheel) as archive:
                 archive.extractall(packages)
         copy_sources(sources)
@@ -46,12 +46,12 @@ def build_software(out: Path) -> None:
             subprocess.run(command, check=True)
 
 
-def fetch_packages(folder: Path) -> list[Path]:
-    """The wheels of browser.lock, by their hashes."""
+def fetch_packages(folder: Path) -> None:
+    """The wheels of browser.lock, by their hashes, and no others, into `folder`. CalledProcessError."""
+    shutil.rmtree(folder, ignore_errors=True)
     command = [sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check", "--require-hashes"]
     only = ["--no-deps", "--only-binary=:all:", *PLATFORM, "--dest", str(folder)]
     subprocess.run([*command, *only, "-r", str(HERE / "browser.lock")], check=True)
-    return sorted(folder.glob("*.whl"))
 
 
 def copy_sources(folder: Path) -> None:

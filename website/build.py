@@ -10,11 +10,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from website.browser import build_software, lock_packages
+from website.browser import build_software, fetch_packages, lock_packages
 from website.pages import ROOT, config, stage_pages
 
 HERE: Final = Path(__file__).parent
 WORK: Final = ROOT / "build" / "site"
+WHEELS: Final = ROOT / "build" / "site-wheels"
 PAGE: Final = HERE / "page"
 MERMAID: Final = (
     HERE / "node_modules" / "@mermaid-js" / "tiny" / "dist" / "mermaid.tiny.js"
@@ -27,7 +28,11 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("out", type=Path, nargs="?", default=ROOT / "dist" / "site", help="(dist/site)")
     parser.add_argument("--zensical", default="zensical", metavar="PROGRAM", help="the generator of the pages")
     parser.add_argument("--lock", action="store_true", help="write browser.lock anew, and build nothing")
+    parser.add_argument("--fetch", action="store_true", help="only fetch the page's Python packages")
     args = parser.parse_args(argv)
+    if args.fetch:
+        fetch_packages(WHEELS)
+        return 0
     if args.lock:
         names = [line for line in (HERE / "browser.in").read_text().splitlines() if not line.startswith("#")]
         (HERE / "browser.lock").write_text(lock_packages(names), encoding="utf-8")
@@ -60,7 +65,7 @@ def build_fly(out: Path) -> None:
     """The page that flies."""
     from sim_bridge.judge.page.html import AROUND, BUNDLE, live_page
 
-    build_software(out)
+    build_software(out, WHEELS)
     for file in PAGE.iterdir():
         shutil.copyfile(file, out / file.name)
     (out / "view.html").write_text(live_page("A flight in this page", AROUND), encoding="utf-8")
