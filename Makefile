@@ -70,7 +70,7 @@ $(DEV_READY): $(READY) requirements-dev.lock
 # Not compiled first: a visitor sees a swarm fly two minutes earlier, and it is the same flight.
 fly: $(READY)
 	@test -e $(COMPILED) || echo "flying pure Python; make install compiles what flies, for more speed"
-	$(BIN)/sim-bridge fly $(MISSION) --map $(FLY)
+	$(BIN)/sim-bridge fly $(MISSION) --map --open $(FLY)
 
 # Swarms fly compiled, which takes about half of the time; those of these tests that need the sources come after.
 # Those of tests/interop mostly wait for the wall clock: many side by side, when the others no longer need the cores. Real
@@ -203,10 +203,10 @@ COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --generate-ha
   --custom-compile-command 'make lock'
 
 # Without rerun, whose 250 MB one test wants, which is skipped where they are not.
-DEV_EXTRAS := sim cluster pandas ros2 build dev
+DEV_EXTRAS := sim edit cluster pandas ros2 build dev
 
 lock: $(DEV_READY)
-	$(COMPILE) pyproject.toml --extra sim --extra build -o requirements.lock
+	$(COMPILE) pyproject.toml --extra sim --extra edit --extra build -o requirements.lock
 	$(COMPILE) pyproject.toml --extra survey companion/board/installer.in -c requirements.lock -o requirements-board.lock
 	$(COMPILE) pyproject.toml $(DEV_EXTRAS:%=--extra %) -c requirements.lock -o requirements-dev.lock
 	for simulator in $(OTHER_SIMULATORS); do $(COMPILE) tests/bench/other_simulators/$$simulator.in -o tests/bench/other_simulators/$$simulator.lock; done

@@ -169,6 +169,11 @@ def _add_watch(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help="the operator's key file: show only what the swarm has signed, and say who else speaks (with --mission)",
     )
     watch.add_argument(
+        "--orders",
+        action="store_true",
+        help="take START, HOLD, LAND and ABORT from the page, and send them with the key (with --key and --mission)",
+    )
+    watch.add_argument(
         "--map", metavar="FILE", help="MBTiles of pictures, or an image with its world file (a metre grid)"
     )
     watch.add_argument("--utm", metavar="ZONE", help="of an image whose world file is in UTM: 32N, or EPSG:32632")

@@ -7,7 +7,6 @@ import contextlib
 import os
 import shutil
 import sys
-import webbrowser
 from pathlib import Path
 
 from mission.cli.main import EXIT_BAD_FILE
@@ -23,10 +22,11 @@ from sim_bridge.drive.entrant.stages import Entrant
 from sim_bridge.drive.external.options import ExternalAutopilots
 from sim_bridge.drive.external.program import fly_external
 from sim_bridge.drive.faults import with_options
-from sim_bridge.drive.fly import ORIGINAL_NAME, fly
+from sim_bridge.drive.fly import INTERRUPTED, ORIGINAL_NAME, fly
 from sim_bridge.drive.interrupts import interrupt_once
 from sim_bridge.drive.links.ports import PORT_MAX
 from sim_bridge.drive.links.router import parse_url
+from sim_bridge.drive.live.audience import LOOK_S, is_attended, stay
 from sim_bridge.drive.live.live import CONTROLS, Live
 from sim_bridge.drive.live.map import Map
 from sim_bridge.drive.live.pace import Pace
@@ -35,9 +35,11 @@ from sim_bridge.errors import StartError
 from sim_bridge.judge import page
 from sim_bridge.judge.outcome import Outcome, describe_end, present, write_page
 from sim_bridge.judge.progress import Progress
+from sim_bridge.world.airframe.point_mass import point_mass_airframes
 from sim_bridge.world.world import DEFAULT_ORIGIN
 
 PROCESSES, IN_PROCESS = "processes", "in-process"
+POINT_MASS = "point-mass"
 
 
 def run(args: argparse.Namespace) -> int:
@@ -50,6 +52,8 @@ def run(args: argparse.Namespace) -> int:
         raise StartError("--signed: flies in the bridge alone, not over --autopilots", EXIT_BAD_FILE)
     mission, original = _mission(args, external)
     interrupt_once()
+    if args.stay is None:
+        args.stay = is_attended()
     folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
     (folder / ORIGINAL_NAME).write_bytes(original)  # the file may change, or go, while it is flown
     if mission.forest.file is not None:
@@ -79,6 +83,10 @@ def run(args: argparse.Namespace) -> int:
         code = present(outcome, folder, unwritten, as_json=args.json, verbose=args.verbose)
         if map_ is not None:
             map_.send_changes(over=describe_end(outcome, folder))
+            if args.stay and outcome.ended != INTERRUPTED:
+                sys.stdout.flush()
+                with Progress(sys.stderr) as progress:
+                    stay(map_, progress, outcome.metrics.sim_time_s)
     if args.open and args.map is None and (folder / page.PAGE_NAME).exists():
         page.show(folder / page.PAGE_NAME)
     return code
@@ -118,8 +126,10 @@ def _announce(
     if map_ is not None:
         for line in own_addresses.lines("live map:", map_.urls):
             progress.event(0.0, line)
-        if args.open:
-            webbrowser.open(map_.urls[0])
+        if args.open and not page.show(map_.urls[0]):
+            progress.event(0.0, "no display here: open the address in a browser that reaches this computer")
+    if args.airframe == POINT_MASS:
+        progress.event(0.0, "point masses: no flight dynamics, still air")
     if mission.flies_blind:
         progress.event(0.0, "no [sensing]: vehicles do not see the forest")
     if not entrant.is_ours:
@@ -137,13 +147,15 @@ def _fly(
 ) -> Outcome:
     """Over the simulator's own autopilots."""
     mission = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
-    live = None if map_ is None else Live(map_, Pace(args.speed), title)
+    look_s = LOOK_S if args.stay else 0.0
+    live = None if map_ is None else Live(map_, Pace(args.speed), title, look_s)
     return fly(
         mission,
         folder,
         progress,
         in_process=args.agents == IN_PROCESS,
         factor=args.speed,
+        airframes=point_mass_airframes(mission) if args.airframe == POINT_MASS else None,
         live=live,
         entrant=entrant,
         keys=FleetKeys(mission) if args.signed else None,
@@ -170,6 +182,8 @@ def _external(args: argparse.Namespace) -> ExternalAutopilots | None:
         if args.launch is not None or args.first_port is not None:
             raise StartError("--launch and --first-port want --autopilots", EXIT_BAD_FILE)
         return None
+    if args.airframe is not None:
+        raise StartError("--airframe: is of simulated vehicles, not of --autopilots", EXIT_BAD_FILE)
     if args.speed is not None or args.agents == IN_PROCESS:
         raise StartError("--autopilots: flies in real time, with agents as processes", EXIT_BAD_FILE)
     if args.first_port is not None and not 1 <= args.first_port <= PORT_MAX:

@@ -21,6 +21,7 @@ _.handle_error
 _.server_version  # http.server
 _.sys_version
 _.do_GET
+_.do_POST
 _.close_connection
 _.handle
 _.log_message

@@ -178,7 +178,12 @@ def test_report_writes_a_page_that_holds_the_replay_and_asks_for_nothing(
 def test_open_shows_the_page(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shown: list[str] = []
     monkeypatch.setattr(page.webbrowser, "open", shown.append)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"):
+        monkeypatch.delenv(name, raising=False)
     cli.main(["report", str(run), "--out", str(tmp_path / "page.html")])
     assert not shown
+    cli.main(["report", str(run), "--open", "--out", str(tmp_path / "page.html")])
+    assert not shown  # without a display, one for terminals would be opened
+    monkeypatch.setenv("DISPLAY", ":0")
     cli.main(["report", str(run), "--open", "--out", str(tmp_path / "page.html")])
     assert shown == [(tmp_path / "page.html").as_uri()]

@@ -42,6 +42,7 @@ ABOUT: Final[dict[str, About]] = {
     "mission.coverage.radius_m": About("number", "m", "Of the ring or sphere."),
     "mission.coverage.centres_enu_m": About("array of 3 numbers", "m", "The places that are covered; d2 is the last."),
     "mission.fence_enu_m": About("array of 2 numbers", "m", "The fence's polygon; empty: it has none."),
+    "mission.origin": About("2 numbers or null", "deg", "Latitude and longitude that ENU counts from; null: not said."),
     "mission.altitude_m": About("2 numbers", "m", "Floor and ceiling."),
     "mission.separation_hard_m": About("number", "m", "separation.hard_m."),
     "mission.trunk_attenuation_factor": About("number", "", "What a trunk across a link leaves of its range, 0 to 1."),
@@ -99,6 +100,19 @@ ABOUT: Final[dict[str, About]] = {
     "events[].vehicles": About("array of integers", "", "Ids that it is about."),
     "events[].text": About("text", "", "What happened; of `lead` with its reason."),
     "events[].severity": About("text", "", "MAVLink's, of a `text`; else absent."),
+    "by_vehicle[].id": About("integer", "", "1 ... n. Of a flight under way there are no rows."),
+    "by_vehicle[].way_m": About("number", "m", "Way flown, in the air."),
+    "by_vehicle[].nearest_m": About("number or null", "m", "Least distance to another in flight; null: it met none."),
+    "by_vehicle[].nearest_id": About("integer or null", "", "Which one that was."),
+    "by_vehicle[].nearest_at_s": About("number or null", "s", "When."),
+    "by_vehicle[].bark_m": About("number or null", "m", "Least level distance to a trunk; null: never within 20 m."),
+    "by_vehicle[].bark_at_s": About("number or null", "s", "When."),
+    "by_vehicle[].behind_s": About("number or null", "s", "Arrived at d2 so long after the first; null: never."),
+    "by_vehicle[].holds": About("integer or null", "", "Times that it said `hold: ...`; null: not logged."),
+    "by_vehicle[].beacons_lost": About("number or null", "", "Share that it missed of those sent in its range."),
+    "by_vehicle[].battery_pct": About("number or null", "%", "What was left at the end."),
+    "by_vehicle[].last_text": About("text", "", "What it said last; empty: nothing, or not logged."),
+    "by_vehicle[].last_text_s": About("number or null", "s", "When."),
 }
 
 STUDY: Final[dict[str, About]] = {

@@ -34,10 +34,12 @@ from sim_bridge.judge.metrics import (
 from sim_bridge.judge.metrics.graph import connectivity
 from sim_bridge.judge.metrics.leadership import visits_of
 from sim_bridge.judge.metrics.pairs import Pairs, look_at_pairs
+from sim_bridge.judge.page.by_vehicle import vehicle_rows
 from sim_bridge.judge.page.coding import Series, column, steps, toggles
 from sim_bridge.judge.page.events import events
 from sim_bridge.judge.page.limits import limits
 from sim_bridge.judge.recording import Recording
+from sim_bridge.judge.run_folder import load_beacons_lost
 from sim_bridge.trunk_attenuation import range_share
 
 FORMAT: Final = "understory-replay"
@@ -96,6 +98,7 @@ def replay(
         "figures": {name: value for name, value in figures.items() if name != "verdict"},
         **body(shown, mission, pairs, lambda2, reported),
         "events": [event.as_dict() for event in happened],
+        "by_vehicle": vehicle_rows(recording, mission, stand, reported, load_beacons_lost(folder, n)),
     }
 
 
@@ -149,6 +152,7 @@ def mission_values(mission: Mission) -> dict[str, Any]:
             "centres_enu_m": [list(visit.pos_enu_m) for visit in mission.visits],
         },
         "fence_enu_m": [list(point) for point in fence.polygon_enu_m or ()],
+        "origin": None if mission.origin is None else [mission.origin.lat_deg, mission.origin.lon_deg],
         "altitude_m": [fence.altitude_min_m, fence.altitude_max_m],
         "separation_hard_m": mission.separation.hard_m,
         "trunk_attenuation_factor": factor,

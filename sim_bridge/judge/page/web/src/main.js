@@ -11,6 +11,7 @@ import { Replay } from "./replay.js";
 import { source } from "./source.js";
 import { study } from "./study.js";
 import { setUp } from "./theme.js";
+import { VehicleTable } from "./table.js";
 import { TimeBar } from "./timebar.js";
 
 // Half-way, where there is something to see, or where the address says: report.html#t=40
@@ -50,16 +51,19 @@ function flight(page, replay, themed, clock) {
   const root = el("section", { class: "flight" });
   const list = el("section", { class: "happened" });
   const plots = el("section", { class: "plots", "aria-label": "figures over time" });
+  const table = el("section", { class: "by-vehicle" });
   const bar = el("div");
   page.append(
     header(replay),
     el("div", { class: "main" }, el("div", { class: "left" }, root), el("aside", {}, list)),
+    table,
     plots,
     ...details(replay),
     el("footer", {}, `${replay.madeBy}. Space plays, arrows step, [ and ] go from event to event.`),
   );
   const view = new FlightView(root, replay, clock, bar);
   const parts = [new TimeBar(bar, replay, clock), new EventList(list, replay, clock, (k) => view.select(k)), new Plots(plots, replay, clock)];
+  if (replay.byVehicle.length) parts.push(new VehicleTable(table, replay, view));
   for (const part of parts) clock.listen((time) => part.show(time));
   themed.push(() => {
     for (const one of [view, ...parts]) (one.themed ?? one.redraw)?.call(one);
@@ -93,7 +97,7 @@ function live(page, doc, stream, themed) {
     received: ({ pace }) => pace && controls.setPace(pace),
     over: ({ verdict, limits, report }) => {
       ended(verdict, limits);
-      if (report) bar.append(el("p", { class: "note" }, `Replay: ${report}`));
+      if (report) bar.append(el("p", { class: "note" }, el("a", { href: "./" }, "The whole replay"), `, with figures and a table of vehicles, is also in ${report}`));
     },
     lost: () => ended({ text: "Link to the simulation lost; this is what was received", succeeded: null }, []),
   });

@@ -63,7 +63,7 @@ export class Plots {
     const many = panel.data.length > 1;
     const axis = { stroke: () => colours().muted, grid: { stroke: () => colours().grid, width: 1 }, ticks: { show: false }, font: "11px system-ui, sans-serif" };
     const series = panel.data.map((_, k) => ({
-      stroke: () => (many ? vehicleColour(k, panel.data.length) : colours().accent),
+      stroke: () => (many ? vehicleColour(k) : colours().accent),
       width: many ? 1 : 1.6,
       points: { show: false },
       paths: panel.stepped ? uPlot.paths.stepped({ align: 1 }) : undefined,

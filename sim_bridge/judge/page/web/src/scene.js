@@ -2,7 +2,7 @@
 import {
   AmbientLight, BufferAttribute, BufferGeometry, CanvasTexture, Color, ConeGeometry, CylinderGeometry, DirectionalLight, DoubleSide,
   GridHelper, InstancedMesh, Line, LineBasicMaterial, LineLoop, LineSegments, Matrix4, Mesh, MeshBasicMaterial, MeshLambertMaterial,
-  PerspectiveCamera, Quaternion, RingGeometry, Scene, Sprite, SpriteMaterial, Vector3, WebGLRenderer,
+  PerspectiveCamera, Plane, Quaternion, Raycaster, RingGeometry, Scene, Sprite, SpriteMaterial, Vector2, Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { reach } from "./shadow.js";
@@ -13,6 +13,7 @@ const TRAIL_ROWS = 120;
 const VEHICLE_M = 1.6; // larger than life, to be seen
 const SEEN_FROM_M = 45; // further off they grow, and stay as large on the screen
 const UP = new Vector3(0, 1, 0);
+const GROUND = new Plane(UP, 0);
 
 // "#rrggbbaa" and hsl of the style sheet -> colour, without alpha.
 const plain = (text) => new Color(/^#[0-9a-f]{8}$/i.test(text) ? text.slice(0, 7) : text);
@@ -32,6 +33,7 @@ export class Scene3D {
     this.camera = new PerspectiveCamera(50, 1, 0.1, 5000);
     this.controls = new OrbitControls(this.camera, domElement);
     this.controls.maxPolarAngle = Math.PI / 2 - 0.02;
+    domElement.style.touchAction = "pan-y"; // a finger that goes up or down scrolls the page
     this.controls.listenToKeyEvents(domElement);
     this.controls.addEventListener("change", changed);
     this.build();
@@ -63,7 +65,7 @@ export class Scene3D {
     this.radio = this.lines(new LineLoop(new BufferGeometry(), new LineBasicMaterial({ color: plain(ink.radioEdge), transparent: true, opacity: 0.25 })), 720);
     const sectors = replay.vehicles.reduce((sum, { scans }) => sum + (scans?.sectors ?? 0), 0);
     this.scans = this.lines(new LineSegments(new BufferGeometry(), new LineBasicMaterial({ color: plain(ink.accent), transparent: true, opacity: 0.6 })), 2 * sectors);
-    const material = (k) => new LineBasicMaterial({ color: plain(vehicleColour(k, count)) });
+    const material = (k) => new LineBasicMaterial({ color: plain(vehicleColour(k)) });
     this.trails = replay.vehicles.map((_, k) => this.lines(new Line(new BufferGeometry(), material(k)), replay.room));
     this.names = count <= 30 ? replay.vehicles.map(({ id }) => this.label(String(id), ink)) : [];
   }
@@ -175,6 +177,14 @@ export class Scene3D {
     this.changed();
   }
 
+  // East and north of the ground at a pixel; null: the sky.
+  enu(px, py) {
+    const eye = new Raycaster();
+    eye.setFromCamera(new Vector2((2 * px) / this.root.clientWidth - 1, 1 - (2 * py) / this.root.clientHeight), this.camera);
+    const hit = eye.ray.intersectPlane(GROUND, new Vector3());
+    return hit && [hit.x, -hit.z];
+  }
+
   // How much farther back a camera stands in an upright window, to see as much from side to side.
   narrow() {
     return Math.max(1, this.root.clientHeight / Math.max(1, this.root.clientWidth));
@@ -214,9 +224,8 @@ export class Scene3D {
     const { replay, layers } = this;
     const places = replay.vehicles.map((_, k) => replay.place(k, at));
     if (!this.looked) this.near(places);
-    if (layers.follow) this.follow(places, at.row);
+    if (layers.follow) this.follow(replay.followed(selected, at));
     const [matrix, turn, size, colour] = [new Matrix4(), new Quaternion(), new Vector3(), new Color()];
-    const count = replay.vehicles.length;
     replay.vehicles.forEach((one, k) => {
       const [east, north, up] = places[k];
       const yaw = one.yaw_deg ? one.yaw_deg[at.row] || 0 : 0;
@@ -225,7 +234,7 @@ export class Scene3D {
       size.setScalar(Math.max(1, where.distanceTo(this.camera.position) / SEEN_FROM_M));
       this.cones.setMatrixAt(k, matrix.compose(where, turn, size));
       const dim = !one.alive[at.row];
-      this.cones.setColorAt(k, dim ? colour.set(0x888888) : colour.copy(plain(vehicleColour(k, count))));
+      this.cones.setColorAt(k, dim ? colour.set(0x888888) : colour.copy(plain(vehicleColour(k))));
       this.names[k]?.position.set(east, up + VEHICLE_M * size.x, -north);
     });
     this.cones.instanceMatrix.needsUpdate = true;
@@ -244,8 +253,7 @@ export class Scene3D {
     this.scanned(at, places);
   }
 
-  follow(places, row) {
-    const seen = places.filter((_, k) => this.replay.vehicles[k].alive[row]);
+  follow(seen) {
     if (!seen.length) return;
     const mean = [0, 1, 2].map((axis) => seen.reduce((sum, place) => sum + place[axis], 0) / seen.length);
     const shift = new Vector3(mean[0], mean[2], -mean[1]).sub(this.controls.target);

@@ -10,6 +10,7 @@ export { following } from "./following.js";
 export { grid } from "./grid.js";
 export { heard } from "./heard.js";
 export { links } from "./links.js";
+export { north } from "./north.js";
 export { peerreports } from "./peerreports.js";
 export { places } from "./places.js";
 export { ranges } from "./ranges.js";
