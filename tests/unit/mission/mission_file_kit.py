@@ -12,6 +12,7 @@ FULL = """\
 
 schema = 1
 name = "all keys"
+sensors = ["sonar"]
 [origin]
 lat_deg = 49.5
 lon_deg = 6.36
