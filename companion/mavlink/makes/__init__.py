@@ -16,7 +16,7 @@ def load_installed_makes() -> None:
 
 
 def installed_makes() -> list[Make]:
-    """Those of installed packages that were loaded."""
+    """Makes of installed packages that were loaded."""
     return [make for make in MAKES.values() if make not in (PX4, ARDUPILOT)]
 
 

@@ -8,8 +8,7 @@ from mission.document.load import MissionError, Problem, parse_mission
 
 # Every key there is, one to a line, so that every refusal has a line to name
 FULL = """\
-# a comment, and a blank line
-
+# a comment
 schema = 1
 name = "all keys"
 sensors = ["sonar"]
