@@ -25,7 +25,7 @@ from mission.stand.stand import stand_of
 from sim_bridge import cli
 from sim_bridge.judge import run_folder
 from sim_bridge.judge.export.axes import quaternions_enu, to_flu
-from sim_bridge.judge.export.ros2_log import laser_sweep
+from sim_bridge.judge.export.ros2.log import laser_sweep
 from sim_bridge.judge.export.telemetry import begins_us, frames
 
 KINDS = {
@@ -281,8 +281,8 @@ def test_without_the_extra_it_says_what_to_install(
 ) -> None:
     for name in [name for name in sys.modules if name.partition(".")[0] == "rosbags"]:
         monkeypatch.setitem(sys.modules, name, None)
-    monkeypatch.delitem(sys.modules, "sim_bridge.judge.export.ros2_bag", raising=False)
-    monkeypatch.delattr("sim_bridge.judge.export.ros2_bag", raising=False)
+    monkeypatch.delitem(sys.modules, "sim_bridge.judge.export.ros2.bag", raising=False)
+    monkeypatch.delattr("sim_bridge.judge.export.ros2.bag", raising=False)
     assert cli.main(["export", str(run), "--ros2bag", str(tmp_path / "bag")]) == 3
     assert "is not installed: in the checkout, pip install -e '.[sim,ros2]'" in capsys.readouterr().err
 
