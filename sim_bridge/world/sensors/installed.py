@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, Protocol
 
-from mission.common.entry_points import TITLE_MAX_CHARS, EntryPointError, Installed, find_installed
+from mission.common.entry_points import TITLE_MAX_CHARS, EntryPointError, find_installed
 from mission.common.exit_codes import EXIT_BAD_FILE
 from mission.common.frames import Vec3
 from mission.common.problems import printable
@@ -33,12 +33,13 @@ class SensorModel(Protocol):
         """
 
 
-class InstalledSensor(SimulatedSensor):
-    """A model of an installed package, as the world drives its own sensors."""
+class ModelSensor(SimulatedSensor):
+    """A model of an installed package, or of whoever is no part of the world, as the world drives its own sensors."""
 
-    def __init__(self, found: Installed, model: Any) -> None:
-        super().__init__(found.name, is_optical=bool(getattr(model, "is_optical", False)))
-        self._title: Final = found.title
+    def __init__(self, name: str, title: str, model: Any, *, by_autopilot: bool = False) -> None:
+        """`title`: of its errors."""
+        super().__init__(name, by_autopilot=by_autopilot, is_optical=bool(getattr(model, "is_optical", False)))
+        self._title: Final = title
         self._frames: Final[Callable[..., object]] = model.frames
 
     def frames(self, vehicle_id: int, state: AirframeState, positions_ned_m: Mapping[int, Vec3], now_s: float) -> bytes:
@@ -80,7 +81,7 @@ def _model_of(name: str, mission: Mission, stand: Stand, ids: Sequence[int]) -> 
         inspect.signature(frames).bind(*arguments)
     except TypeError:
         raise _error(f"{found.title}: frames{inspect.signature(frames)}: must take {wanted}") from None
-    return InstalledSensor(found, model)
+    return ModelSensor(found.name, found.title, model)
 
 
 def _error(text: str) -> StartError:

@@ -31,7 +31,7 @@ class Stamped(NamedTuple):
 
 
 def namespace(vehicle_id: int) -> str:
-    """That of a vehicle's topics, without a slash; its frames begin with it."""
+    """Namespace of a vehicle's topics, without a slash; its frames begin with it."""
     return f"vehicle_{vehicle_id}"
 
 
