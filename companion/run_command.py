@@ -147,7 +147,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     except ModuleNotFoundError as error:
         raise RefusedError(
             EXIT_ENVIRONMENT,
-            f"the mission has [survey], which needs {error.name}: pip install 'understory-uav[survey]'",
+            f"the mission has [survey], which needs {error.name}: in the checkout, pip install -e '.[survey]'",
         ) from None
     radio = _radio_keys(key, arguments, mission, opened)
     records = _records(arguments, mission, opened, log)
