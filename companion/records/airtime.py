@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from companion.mavlink.framing.wire import CRC_BYTES, HEADER_BYTES
+
 USABLE_SHARE: Final = 0.6  # of a channel that many share without a schedule; beyond it, beacons would wait for records
 LEAST_SHARE: Final = 0.02  # of the channel, for all records together: they get through, however many beacons there are
 OVERHEAD_BYTES: Final = 16  # of a frame on the air beside MAVLink's own bytes: preamble, header, checksum
@@ -42,3 +44,8 @@ class Airtime:
             return False
         self._tokens -= cost
         return True
+
+
+def frame_bytes(payload: bytes) -> int:
+    """Of its frame, as MAVLink 2 cuts trailing zeros off."""
+    return len(payload.rstrip(b"\0")) + HEADER_BYTES + CRC_BYTES

@@ -40,6 +40,7 @@ class Record:
     kind: RecordKind
     made_s: float  # by its writer's clock; to the microsecond
     body: bytes  # at most BODY_MAX bytes: what one MAVLink frame holds
+    signature: bytes = b""  # its writer's, in a swarm with keys
 
     @property
     def key(self) -> LogKey:
