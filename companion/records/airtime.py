@@ -25,15 +25,18 @@ class Airtime:
         self._tokens = 0.0
         self._refilled_s: float | None = None
 
-    def refill(self, now_s: float, ahead_bytes: int, heard: int) -> None:
-        """Once a tick. `ahead_bytes`: that this node sends now ahead of any record; `heard`: number of other nodes."""
+    def refill(self, now_s: float, ahead_bytes: int, heard: int, aside_bps: float = 0.0) -> None:
+        """Once a tick. `ahead_bytes`: that this node sends now ahead of any record; `heard`: number of other nodes.
+
+        `aside_bps`: bytes per second of a node that is not among them.
+        """
         if self._refilled_s is None:
             self._refilled_s = now_s
             return
         passed_s = min(max(0.0, now_s - self._refilled_s), MEMORY_S)
         self._refilled_s = now_s
         self._ahead_bps += (ahead_bytes - self._ahead_bps * passed_s) / MEMORY_S
-        left = self._bytes_per_s * USABLE_SHARE - self._ahead_bps * (heard + 1)
+        left = self._bytes_per_s * USABLE_SHARE - self._ahead_bps * (heard + 1) - aside_bps
         share = max(left, self._bytes_per_s * LEAST_SHARE) / (heard + 1)
         self._tokens = min(BURST_BYTES, self._tokens + share * passed_s)
 

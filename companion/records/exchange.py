@@ -237,13 +237,16 @@ class RecordExchange:
             out += self._vectors(now_s)
         ahead_bytes = beacon_bytes + OVERHEAD_BYTES * (beacon_bytes > 0)
         ahead_bytes += sum(frame_bytes(payload) + OVERHEAD_BYTES for _, payload in out)
-        self._airtime.refill(now_s, ahead_bytes, self._peers.heard(now_s))
+        self._refill(now_s, ahead_bytes)
         # Between the own beacons, unless there is one in each tick: a beacon waits for no record of its own vehicle.
         is_between = not beacon_bytes or self._had_beacon
         self._had_beacon = beacon_bytes > 0
         if is_between and not self._is_base:
             out += self._records(now_s)
         return out
+
+    def _refill(self, now_s: float, ahead_bytes: int) -> None:
+        self._airtime.refill(now_s, ahead_bytes, self._peers.heard(now_s))
 
     def note_line(self, line: str) -> None:
         """Something that happened when this node's file was opened."""

@@ -85,6 +85,10 @@ class Peers:
         """Number of nodes in range."""
         return sum(now_s - peer.heard_s <= HEARD_S for peer in self._peers.values())
 
+    def hears(self, node: int, now_s: float) -> bool:
+        """This node is in range."""
+        return node in self._peers and now_s - self._peers[node].heard_s <= HEARD_S
+
     def hops(self, now_s: float) -> int:
         """From this node to the base station, over those that are heard; HOPS_UNKNOWN: none of them knows."""
         nearest = min((peer.hops for peer in self._in_range(now_s)), default=HOPS_UNKNOWN)

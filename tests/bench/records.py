@@ -19,7 +19,7 @@ import numpy as np
 from companion.keys.keyring import OPERATOR
 from companion.mavlink.beacon import COMPONENT
 from companion.mavlink.framing import wire
-from companion.mavlink.framing.frames import frames
+from companion.mavlink.framing.frames import SIGNATURE_BYTES, SIGNED, frames
 from companion.mavlink.peers.session import open_session
 from companion.records.exchange import RecordExchange
 from companion.records.frames import is_record_frame
@@ -39,6 +39,7 @@ from tests.unit.mavlink.signing_kit import MISSION, keyring
 
 SEEDS = (1, 2, 3, 4, 5)
 BEACON_BYTES = 118  # of the frame, n = 8, measured in flight
+MANIFEST_BYTES = 265  # of the frame, once a second behind a beacon, in a swarm with keys
 BODY_BYTES = 120  # of a stem or less
 STEP_S = 0.001  # of the radio's time
 TICK_STEPS = 50
@@ -71,7 +72,7 @@ def records() -> Iterator[Row]:
         ):
             pairs = [
                 (
-                    age_p99_s(seed, makers=(), is_lockstep=is_lockstep),
+                    age_p99_s(seed, makers=(), is_lockstep=is_lockstep, signed=signed),
                     age_p99_s(seed, makers=makers, is_lockstep=is_lockstep, signed=signed),
                 )
                 for seed in SEEDS
@@ -226,7 +227,8 @@ def age_p99_s(
     radio.place({me: (float(me), 0.0, 0.0) for me in ids})
     logs = itertools.count(1)
     nodes = {me: _exchange(me, n, logs.__next__, signed=signed) for me in ids} if makers else {}
-    senders = {me: wire.Sender(me, COMPONENT) for me in ids}
+    senders = {me: wire.Sender(me, COMPONENT, SIGNED * signed) for me in ids}
+    mac = bytes(SIGNATURE_BYTES * signed)
     phase = {me: 0 if is_lockstep else rng.randrange(TICK_STEPS) for me in ids}
     beacon_phase = {me: 0 if is_lockstep else rng.randrange(2) for me in ids}
     sent = np.full((BASE_ID + 1, BASE_ID + 1), -1)  # by receiver and sender: step at which what was heard was sent
@@ -237,10 +239,13 @@ def age_p99_s(
             if step % TICK_STEPS != phase[me]:
                 continue
             has_beacon = me != BASE_ID and (step // TICK_STEPS) % 2 == beacon_phase[me]
+            beacon = _beacon(me, step) + mac if has_beacon else b""
+            if signed and has_beacon and step % 1000 < 2 * TICK_STEPS:
+                beacon += bytes(MANIFEST_BYTES)
             if has_beacon:
-                radio.send(me, _beacon(me, step), now_s)
-            for frame in _record_frames(nodes, me, makers, now_s, BEACON_BYTES * has_beacon):
-                radio.send(me, senders[me].frame(*frame), now_s, aside=True)
+                radio.send(me, beacon, now_s)
+            for frame in _record_frames(nodes, me, makers, now_s, len(beacon)):
+                radio.send(me, senders[me].frame(*frame) + mac, now_s, aside=True)
         for me in ids:
             for frame in _split(radio.deliver(me, now_s)):
                 if is_record_frame(frame):

@@ -8,12 +8,14 @@ on unchanged.
 from __future__ import annotations
 
 from dataclasses import replace
+from math import ceil
 from typing import Final
 
 from companion.mavlink.beacon import COMPONENT
 from companion.mavlink.framing.frames import source
 from companion.mavlink.schema.tables.signed_records import BASE_ENTRIES_MAX, SIGNED_BODY_MAX
-from companion.records.exchange import RecordExchange
+from companion.records.airtime import OVERHEAD_BYTES, frame_bytes
+from companion.records.exchange import BASE_VECTOR_S, RecordExchange
 from companion.records.frames import read_record, read_vector
 from companion.records.holdings import Holding
 from companion.records.peers import Peers
@@ -66,6 +68,7 @@ class SignedExchange(RecordExchange):
         self._intake = Intake(keys, self.dropped, self._queue.lines)
         self._words = Acknowledgements()
         self._told = store.count_start() << 32 if self._is_base else 0
+        self._base_payload = b""  # the last that came from the base station itself
         self._heard_told: dict[int, int] = {}  # by the base station's file: the newest that came from itself
 
     # --- in ---
@@ -145,6 +148,7 @@ class SignedExchange(RecordExchange):
         if vector.base_epoch == self._epoch:
             self._note_words(base, now_s)
         if is_direct:
+            self._base_payload = base.payload
             self._heard_told[vector.base_epoch] = base.told
             if len(self._heard_told) > EPOCHS_MAX:
                 del self._heard_told[min(self._heard_told)]
@@ -192,6 +196,16 @@ class SignedExchange(RecordExchange):
             self._told += 1
             out.append((BASE_VECTOR_ID, encode_base_vector(part, self._told, self._keys.sign_base)))
         return out
+
+    def _refill(self, now_s: float, ahead_bytes: int) -> None:
+        """The base station has no beacons, and sends no records: its vectors are all that it takes of the channel.
+
+        Beacons and manifests with their signatures leave little of a slow one: it must not be counted as a vehicle.
+        """
+        hears_base = self._peers.hears(BASE_ID, now_s)
+        messages = max(1, ceil(len(self._holdings) / BASE_ENTRIES_MAX)) if hears_base else 0
+        aside_bps = messages * (frame_bytes(self._base_payload) + OVERHEAD_BYTES) / BASE_VECTOR_S
+        self._airtime.refill(now_s, ahead_bytes, self._peers.heard(now_s) - hears_base, aside_bps)
 
     def _sendable(self, now_s: float) -> dict[LogKey, Holding]:
         """Of vehicles alone whose key others have."""
