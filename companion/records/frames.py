@@ -45,7 +45,7 @@ def encode_record(record: Record) -> bytes:
 
 
 def made_us_of(record: Record) -> int:
-    """When it was made, as it is sent."""
+    """Time at which it was made, us, as it is sent."""
     return min(MADE_MAX_US, max(0, round(record.made_s * 1e6)))
 
 

@@ -47,6 +47,11 @@ class Record:
         """The log that it is in."""
         return LogKey(self.vehicle_id, self.log_id)
 
+    @property
+    def proven(self) -> bool:
+        """Signed by its writer: one that is stored was checked before."""
+        return self.signature != b""
+
 
 @dataclass(frozen=True, slots=True)
 class Draft:

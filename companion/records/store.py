@@ -174,7 +174,7 @@ class RecordStore:
         return 0 if found is None else int(found[0])
 
     def count_start(self) -> int:
-        """How often the file was opened to be used, with this time."""
+        """Count of the times that the file was opened to be used, with this one."""
         with self._transaction():
             count = self._meta("starts", 0) + 1
             self._writing.execute("UPDATE meta SET value = ? WHERE name = 'starts'", (count,))

@@ -26,7 +26,7 @@ class Acknowledgements:
         """This very message."""
         return base.payload in self._words.values()
 
-    def keep(self, key: LogKey, base: BaseVector) -> None:
+    def store_word(self, key: LogKey, base: BaseVector) -> None:
         """The newest of this log."""
         self._words[key] = base.payload
 

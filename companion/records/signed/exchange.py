@@ -132,7 +132,7 @@ class SignedExchange(RecordExchange):
             self._intake.note_twice(record)
 
     def _receive_base(self, base: BaseVector, sender: int, now_s: float) -> None:
-        """What the base station has told, from itself or passed on."""
+        """A message of the base station, from itself or passed on."""
         vector = base.vector
         is_direct = sender == BASE_ID
         if is_direct and base.told <= self._heard_told.get(vector.base_epoch, 0):
@@ -175,11 +175,11 @@ class SignedExchange(RecordExchange):
                 self._queue.begins_log = True
             if self._is_more(key, entry.upto) or (key not in self._words and entry.upto >= self._acked.get(key, 0) > 0):
                 self._note_acked(key, entry.upto)
-                self._words.keep(key, base)
+                self._words.store_word(key, base)
         self._words.note_aired(base, now_s)
 
     def _receive_vector(self, sender: int, vector: Vector, now_s: float) -> None:
-        """What a vehicle lacks: nothing is known by it, and nothing freed."""
+        """A vehicle's: what it lacks is sent; nothing is known by it, and nothing freed."""
         if vector.base_epoch != self._epoch:  # of another file of the base station's
             vector = replace(vector, entries=tuple(entry._replace(acked=0) for entry in vector.entries))
         self._peers.note_vector(sender, vector, now_s, self._holdings.__contains__)

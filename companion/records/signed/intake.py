@@ -52,7 +52,7 @@ class Intake:
 
     def note_twice(self, record: Record) -> None:
         """Its writer has given one number to two."""
-        self._say(f"records: vehicle {record.vehicle_id} gave a number twice")
+        self._report_once(f"records: vehicle {record.vehicle_id} gave a number twice")
 
     def _may_check(self, sender: int, now_s: float) -> bool:
         since_s, count = self._checks.get(sender, (-math.inf, 0))
@@ -65,9 +65,9 @@ class Intake:
 
     def _note_forged(self, line: str) -> None:
         self._dropped[FORGED] += 1
-        self._say(line)
+        self._report_once(line)
 
-    def _say(self, line: str) -> None:
+    def _report_once(self, line: str) -> None:
         if line not in self._told:  # of known vehicles alone
             self._told.add(line)
             self._lines.append(line)

@@ -28,7 +28,7 @@ _BASE_EXTRA: Final = bytes([dialect.MAVLink_swarm_base_vector_message.crc_extra]
 
 @dataclass(frozen=True, slots=True)
 class BaseVector:
-    """What the base station has, in one message; as yet unchecked."""
+    """A part of the base station's vector; as yet unchecked."""
 
     vector: Vector
     told: int  # counts its messages
