@@ -11,6 +11,7 @@ from companion.records.holdings import AHEAD_MAX, Holding
 from companion.records.record import BITMAP, Entry, LogKey, Vector
 
 HEARD_S: Final = 5.0  # five vectors: a node that was not heard for so long is out of range
+TOLD_S: Final = 1.5  # a vector of the last second, or so
 HOPS_MAX: Final = 16  # farther off, a base station that has gone would be passed on in a circle
 LAG_S: Final = 0.7  # a vector that comes so soon after a record was on the air knows not of it: radio, then the disk
 WAIT_S: Final = 0.3  # before a record of another's is passed on: its writer may be in range, too
@@ -136,9 +137,9 @@ class Peers:
                     yield Candidate(reach, key != own, number, key, told_s if key == own else told_s + WAIT_S)
 
     def lacks_acknowledgement(self, key: LogKey, acked: int, now_s: float) -> bool:
-        """A node in range tells that it knows less of this log to be at the base station."""
+        """A node in range has just told that it knows less of this log to be at the base station."""
         return any(
-            key in peer.entries and now_s - peer.entries[key][1] <= HEARD_S and peer.entries[key][0].acked < acked
+            key in peer.entries and now_s - peer.entries[key][1] <= TOLD_S and peer.entries[key][0].acked < acked
             for peer in self._in_range(now_s)
         )
 

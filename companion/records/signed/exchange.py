@@ -137,8 +137,8 @@ class SignedExchange(RecordExchange):
         is_direct = sender == BASE_ID
         if is_direct and base.told <= self._heard_told.get(vector.base_epoch, 0):
             return  # a copy
-        if not is_direct and (self._words.has(base) or not self._is_news(vector)):
-            self._words.note_aired(base, now_s)
+        if not is_direct and not self._is_news(vector):
+            self._words.note_passed_on(base, now_s)
             return
         if not self._intake.proves_base(base, sender, now_s):
             return
@@ -147,7 +147,9 @@ class SignedExchange(RecordExchange):
         self._note_epoch(vector)
         if vector.base_epoch == self._epoch:
             self._note_words(base, now_s)
-        if is_direct:
+        if not is_direct:
+            self._words.note_passed_on(base, now_s)
+        else:
             self._base_payload = base.payload
             self._heard_told[vector.base_epoch] = base.told
             if len(self._heard_told) > EPOCHS_MAX:
@@ -176,7 +178,6 @@ class SignedExchange(RecordExchange):
             if self._is_more(key, entry.upto) or (key not in self._words and entry.upto >= self._acked.get(key, 0) > 0):
                 self._note_acked(key, entry.upto)
                 self._words.store_word(key, base)
-        self._words.note_aired(base, now_s)
 
     def _receive_vector(self, sender: int, vector: Vector, now_s: float) -> None:
         """A vehicle's: what it lacks is sent; nothing is known by it, and nothing freed."""

@@ -26,7 +26,7 @@ from companion.records.signed.messages import (
     encode_signed_record,
     read_base_vector,
 )
-from companion.records.store import MEMORY, RecordStore
+from companion.records.store import MEMORY, Batch, RecordStore
 from companion.records.summary import StandSummary, encode_summary
 from companion.records.write_queue import DirectWriter
 from tests.unit.mavlink.signing_kit import keyring
@@ -182,9 +182,16 @@ def test_flood_costs_as_many_signatures_as_its_sender_could_send_and_no_other_ve
 
 def test_revoked_vehicles_records_are_neither_taken_nor_sent() -> None:
     whole = keyring(1, 6)
-    one = node(ring=replace(whole, vehicles={k: public for k, public in whole.vehicles.items() if k != 2}))
+    revoked = replace(whole, vehicles={k: public for k, public in whole.vehicles.items() if k != 2})
+    one = node(ring=revoked)
     one.receive(record_frame(made()), 0.0)
     assert (stored(one), one.dropped["of unknown vehicles"]) == ([], 1)
+    one.store.write(Batch(others=[made()]))  # of before it was revoked
+    again = SignedExchange(*(one.store, DirectWriter(one.store), 1, 6, 1000.0), keys=keys_of(1, ring=revoked), epoch=1)
+    for k in range(100):
+        if k % 20 == 0:
+            again.receive(sent(VECTOR_ID, encode_vector(Vector(0, 255, False, False, ())), LIAR), k / 20)
+        assert not [1 for message_id, _ in again.frames(k / 20, 0) if message_id == SIGNED_RECORD_ID]
 
 
 # --- vectors ---
@@ -212,10 +219,12 @@ def test_no_word_of_others_begins_a_new_log(tmp_path: Path) -> None:
     log = air.nodes[1].store.own_log
     air.stop(1)
     one = air.start(1)
+    air.run(0.1)
     one.receive(sent(VECTOR_ID, encode_vector(Vector(1, 1, False, False, (has(log, 900),))), 2), air.now_s)
     one.receive(base_frame(has(log, 900), by=LIAR), air.now_s)
-    one.receive(record_frame(made(900, key=log, by=LIAR)), air.now_s)
+    one.receive(record_frame(made(900, key=log, by=LIAR), sender=2), air.now_s)
     air.run(10.0)
+    assert one.dropped[FORGED] == 2
     assert one.store.own_log == log
 
 
@@ -283,6 +292,30 @@ def test_acknowledgement_is_passed_on_as_it_was_told_and_not_without_end(tmp_pat
     before = len(air.sent)
     air.run(20.0)
     assert not [1 for sender, frame in air.sent[before:] if sender != BASE_ID and read_base_vector(frame)]
+
+
+def test_acknowledgements_arrive_while_more_and_more_is_acknowledged(tmp_path: Path) -> None:
+    air = swarm(tmp_path, 3)
+    air.links = chain(3, 2, 1, BASE_ID)
+    air.run(40.0, making(air, 1, 2, 3, until_s=60.0))
+    assert air.nodes[3].acked[air.nodes[3].store.own_log] >= 20
+
+
+def test_acknowledgements_of_a_new_file_reach_those_that_knew_more_of_the_old_one(tmp_path: Path) -> None:
+    air = swarm(tmp_path, 2)
+    air.links = chain(2, 1, BASE_ID)
+    air.run(25.0, making(air, 1, 2, until_s=10.0))
+    assert sum(air.nodes[2].acked.values()) == 20
+    air.stop(BASE_ID, with_disk=True)
+    air.start(BASE_ID, epoch=2)
+    air.run(25.0)
+    assert (air.nodes[2].store.base_epoch, sum(air.nodes[2].acked.values())) == (2, 20)
+
+
+def test_nobody_passes_on_what_all_hear_from_the_base_station_itself(tmp_path: Path) -> None:
+    air = swarm(tmp_path, 4, loss=0.3)
+    air.run(30.0, making(air, 1, 2, 3, 4, until_s=30.0))
+    assert sum(sender != BASE_ID and read_base_vector(frame) is not None for sender, frame in air.sent) <= 4
 
 
 def test_more_logs_than_one_message_holds_are_acknowledged(tmp_path: Path) -> None:
