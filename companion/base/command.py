@@ -15,6 +15,7 @@ from companion.base.station import BaseStation
 from companion.keys.key_file import KeyFileError
 from companion.mavlink.peers.guard import SignedGuard
 from companion.records.node import open_base
+from companion.records.signed.intake import FORGED
 from companion.records.store import StoreError
 from companion.shell.floods import FloodLog
 from companion.shell.links import Link, LinkError, open_link
@@ -72,6 +73,9 @@ def base(arguments: argparse.Namespace) -> int:
         shown.line(station.text)
         for line in gaps(station):
             shown.line(line)
+        forged = records.dropped.get(FORGED, 0)
+        if forged:
+            shown.line(f"refused, as forged by a member of the swarm: {forged}")
     return EXIT_DONE
 
 
