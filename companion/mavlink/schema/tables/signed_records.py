@@ -43,7 +43,9 @@ BASE_VECTOR: Final = Message(
     see=SEE,
     fields=(
         field(
-            "told", "uint64_t", "Counts these messages, over restarts of the base station: an earlier one is a copy."
+            "told_count",
+            "uint64_t",
+            "Counts these messages, over restarts of the base station: an earlier one is a copy.",
         ),
         field("base_epoch", "uint32_t", "As in SWARM_RECORD_VECTOR; never 0.", unit="s"),
         field("mission_hash", "uint32_t", "As in SWARM_RECORD_VECTOR."),
