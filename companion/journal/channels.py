@@ -15,7 +15,8 @@ from companion.mavlink.framing.outbox import Outbox
 from companion.mavlink.sensor_inputs import SHARED
 from mission.common.frames import Vec3
 
-VERSION: Final = 1  # of the format
+VERSION: Final = 2  # of the format
+UNCHAINED_HEAD: Final = 1  # the format before, whose chain begins behind the files' header
 ARRIVED: Final = Struct("<d")  # before the bytes of a datagram: when it came or went, on the companion's clock, s
 CHAIN_BYTES: Final = 32  # SHA-256
 DATAGRAM: Final = "x-understory-datagram"

@@ -1,7 +1,8 @@
 """Entries in, chunks for the disk out. It never waits: what the disk does not take is counted, and a gap says so.
 
 Ticks are chained: each bears the SHA-256 of the link before it, and of all that was recorded since, its own text
-included. Who changes, removes or moves a record breaks the link behind it.
+included. The first link is of the header, with which every file of the flight begins. Who changes, removes or moves a
+record breaks the link behind it.
 """
 
 from __future__ import annotations
@@ -24,7 +25,12 @@ WAITING_BYTES: Final = 4 << 20  # of chunks that the disk has not taken: two min
 RATE_BYTES_S: Final = 1 << 20  # ten times what a swarm with raw lidars records: a flood must not push all else out
 BURST_BYTES: Final = 16 << 20  # beyond that rate
 RETRY_S: Final = 5.0  # after the disk refused one
-BEGIN: Final = bytes(CHAIN_BYTES)  # the link before the first
+BEGIN: Final = bytes(CHAIN_BYTES)  # the link before the first of a box whose header is not chained
+
+
+def begin_chain(head: bytes) -> bytes:
+    """The link before the first: of the bytes with which every segment begins."""
+    return hashlib.sha256(head).digest()
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,12 +66,12 @@ class ChunkWriter(Protocol):
 class Journal:
     """One flight's. Times are the companion's clock, s."""
 
-    def __init__(self, writer: ChunkWriter, start: Json) -> None:
-        """`start`: the first entry; its time is that of the next."""
+    def __init__(self, writer: ChunkWriter, start: Json, head: bytes) -> None:
+        """`start`: the first entry; its time is that of the next. `head`: with which the writer begins each file."""
         self.lines: Final = deque[str](maxlen=8)  # to be said
         self.ticks = 0  # recorded or lost
         self.lost = 0  # of them
-        self.link = BEGIN  # of the last tick
+        self.link = begin_chain(head)  # of the last tick
         self._writer: Final = writer
         self._start = encode(start)
         self._records: list[bytes] = []  # since the last tick

@@ -15,6 +15,7 @@ from typing import Final
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, METADATA, DATA_END = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06, 0x0C, 0x0F
+HEAD: Final = frozenset({HEADER, SCHEMA, CHANNEL, METADATA})  # records before the first chunk
 _RECORD: Final = Struct("<BQ")  # opcode, length
 _MESSAGE: Final = Struct("<BQHIQQ")  # ... channel, sequence, log time, publish time
 _MESSAGE_BYTES: Final = _MESSAGE.size - _RECORD.size
@@ -88,12 +89,16 @@ def _text(text: str) -> bytes:
 
 
 class McapError(Exception):
-    """A file ends, or is damaged, here: `offset` bytes from its start is where the last whole record ends."""
+    """A file is damaged here: `offset` bytes from its start is where the last whole record ends."""
 
     def __init__(self, offset: int, why: str) -> None:
         super().__init__(why)
         self.offset = offset
         self.why = why
+
+
+class TornError(McapError):
+    """It ends here before its end, as a loss of power, a full disk or a killed process leaves it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,23 +112,49 @@ class Message:
     record: bytes
 
 
-def read_chunks(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Offset and body of each chunk of a file up to its footer. McapError where it ends before."""
+def read_head(data: bytes) -> bytes:
+    """The beginning of a file, up to its first chunk. TornError, McapError."""
+    written = len(data.rstrip(b"\0"))
     if not data.startswith(MAGIC):
-        raise McapError(0, "no MCAP file" if len(data) >= len(MAGIC) else "ends in its first bytes")
+        if MAGIC.startswith(data[:written]):
+            raise TornError(0, "ends in its first bytes" if written == len(data) else _zeros(written))
+        raise McapError(0, "no MCAP file")
     at = len(MAGIC)
+    while at < len(data) and data[at] in HEAD:
+        at += len(_read_record(data, at, written))
+    return data[:at]
+
+
+def read_chunks(data: bytes, at: int) -> Iterator[tuple[int, bytes]]:
+    """Offset and body of each chunk, from byte `at` on, behind the head. TornError, McapError where that ends early."""
+    written = len(data.rstrip(b"\0"))  # no record of ours ends in a zero, but DataEnd
+    end_bytes = end()
     while True:
-        if at + _RECORD.size > len(data):
-            raise McapError(at, "ends without its footer")
-        opcode, length = _RECORD.unpack_from(data, at)
-        start = at + _RECORD.size
-        if length > len(data) - start:
-            raise McapError(at, "ends in the middle of a record")
-        if opcode == CHUNK:
-            yield at, data[start : start + length]
-        elif opcode == FOOTER:
+        rest = data[at : max(at, written)]
+        if rest == end_bytes:
             return
-        at = start + length
+        if end_bytes.startswith(rest):
+            raise TornError(at, "ends without its footer" if max(at, written) == len(data) else _zeros(written))
+        if rest[0] != CHUNK:
+            raise McapError(at, "bytes that are no chunk")
+        record = _read_record(data, at, written)
+        yield at, record[_RECORD.size :]
+        at += len(record)
+
+
+def _read_record(data: bytes, at: int, written: int) -> bytes:
+    """The one that begins at byte `at`, whole. `written`: where zeros begin that go to the end of the file."""
+    length = _RECORD.unpack_from(data, at)[1] if at + _RECORD.size <= len(data) else len(data)
+    end_at = at + _RECORD.size + length
+    if end_at > len(data):
+        raise TornError(at, "ends in the middle of a record")
+    if end_at > written and written < len(data):
+        raise TornError(at, _zeros(written))
+    return data[at:end_at]
+
+
+def _zeros(written: int) -> str:
+    return f"zeros from byte {written} to its end, as a power cut leaves them"
 
 
 def read_messages(body: bytes, offset: int) -> list[Message]:

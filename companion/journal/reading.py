@@ -12,8 +12,8 @@ from typing import Any
 import cbor2
 
 from companion.journal import mcap
-from companion.journal.channels import ARRIVED, OUTPUTS, Channel, Json, unsealed
-from companion.journal.journal import BEGIN
+from companion.journal.channels import ARRIVED, OUTPUTS, UNCHAINED_HEAD, Channel, Json, unsealed
+from companion.journal.journal import BEGIN, begin_chain
 from companion.journal.segments import find_segments, segment_key
 
 SEGMENT_BYTES_MAX = 1 << 30  # more is no segment of ours
@@ -119,15 +119,20 @@ def read_flight(flight: Flight) -> Iterator[Item]:
         end = ""
         try:
             data = _file_bytes(path)
-            for offset, body in mcap.read_chunks(data):
+            head = mcap.read_head(data)
+            if not chain.take_head(head):
+                yield Break(f"{path.name}: its header is not the first segment's")
+            for offset, body in mcap.read_chunks(data, len(head)):
                 try:
                     messages = mcap.read_messages(body, offset)
                 except mcap.McapError as error:
                     yield Break(f"{path.name}, byte {error.offset}: {error.why}")
                     continue
                 yield from chain.read_entries(messages)
-        except mcap.McapError as error:  # torn, or not closed: the next one says whether all is there
+        except mcap.TornError as error:  # or not closed: the next segment says whether all is there
             end = f"{path.name}, byte {error.offset}: {error.why}"
+        except mcap.McapError as error:
+            yield Break(f"{path.name}, byte {error.offset}: {error.why}")
     if not chain.has_ended:
         yield CutOff(end or "no last entry")
 
@@ -146,12 +151,18 @@ class _Chain:
 
     def __init__(self) -> None:
         self.has_ended = False
+        self._head = b""  # of the first segment
         self._link = BEGIN
         self._tick = 0  # the last
         self._number = 0  # of the last entry
         self._missing = ""  # entries before this one, in words
         self._records: list[bytes] = []
         self._recorded = Recorded()
+
+    def take_head(self, head: bytes) -> bool:
+        """Take the header of a segment. False: it is another than the first segment's."""
+        self._head = self._head or head
+        return self._head == head
 
     def read_entries(self, messages: Sequence[mcap.Message]) -> Iterator[Item]:
         """Their content, and what is wrong with them."""
@@ -181,7 +192,9 @@ class _Chain:
             self._tick = int(gap["last_tick"])
         self._records.append(message.record)
         if channel == Channel.START:
-            yield Start(_object(json.loads(data)))
+            start = _object(json.loads(data))
+            self._link = BEGIN if start.get("format") == UNCHAINED_HEAD else begin_chain(self._head)
+            yield Start(start)
         elif channel == Channel.VERDICTS:
             self._recorded.verdicts += data
         elif channel == Channel.ANSWERS:
@@ -210,7 +223,8 @@ class _Chain:
         elif tick < due:
             yield Break(f"{name} is found behind tick {self._tick}: moved, or a copy")
         elif not is_whole:
-            yield Break(f"{name}, or what came before it since the last, was changed{self._missing}")
+            since = "since the last" if self._tick else "or the file's header"
+            yield Break(f"{name}, or what came before it {since}, was changed{self._missing}")
         self._link, self._tick, self._missing = link, tick, ""
         self._records.clear()
         recorded, self._recorded = self._recorded, Recorded()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import ValidationError
 
-from companion.journal.channels import VERSION, Json
+from companion.journal.channels import UNCHAINED_HEAD, VERSION, Json
 from companion.journal.tape.played import PlayedGate, PlayedGuard, PlayedLink, PlayedMarks
 from companion.journal.tape.tape import PlayedTape
 from companion.mavlink.endpoint import Endpoint
@@ -24,8 +24,8 @@ class RebuildError(Exception):
 def rebuild_endpoint(start: Json, tape: PlayedTape) -> Endpoint:
     """As it began. RebuildError; ModuleNotFoundError: a survey needs numpy."""
     try:
-        if start["format"] != VERSION:
-            raise RebuildError(f"format {start['format']}: this program reads {VERSION}")
+        if start["format"] not in (UNCHAINED_HEAD, VERSION):
+            raise RebuildError(f"format {start['format']}: this program reads {UNCHAINED_HEAD} and {VERSION}")
         if start["flown_by"]:
             raise RebuildError(f"it was flown by {start['flown_by']}, which the log does not hold")
         vehicle_id = int(start["vehicle"])

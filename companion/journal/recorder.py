@@ -87,10 +87,15 @@ def _book_json(orders: OrderBook) -> Json:
     return {**texts, "size": start.size, "boot": start.boot}
 
 
+def head_of(start: Json) -> bytes:
+    """The beginning of each segment of a flight."""
+    about = {key: str(start[key]) for key in ("vehicle", "version", "compiled", "mission_sha256", "started_utc")}
+    return head(sensor_links(start), about)
+
+
 def files_of(folder: Path, start: Json, *, waits_for_disk: bool) -> SegmentFiles:
     """The files of one flight's black box."""
-    about = {key: str(start[key]) for key in ("vehicle", "version", "compiled", "mission_sha256", "started_utc")}
-    return SegmentFiles(folder, start["vehicle"], head(sensor_links(start), about), waits_for_disk=waits_for_disk)
+    return SegmentFiles(folder, start["vehicle"], head_of(start), waits_for_disk=waits_for_disk)
 
 
 class BlackBox:
@@ -127,7 +132,7 @@ class Recorder:
 
     def __init__(self, endpoint: Endpoint, tape: Tape, writer: ChunkWriter, start: Json) -> None:
         """`tape`: the one that the endpoint's guard and link of records are recorded on."""
-        self.journal: Final = Journal(writer, start)
+        self.journal: Final = Journal(writer, start, head_of(start))
         self._endpoint: Final = endpoint
         self._tape: Final = tape
         self._sensors: Final = {name: Channel.SENSORS_IN + k for k, name in enumerate(sensor_links(start))}

@@ -10,9 +10,9 @@ from typing import Any
 
 from companion.journal import mcap
 from companion.journal.channels import Channel, unsealed
-from companion.journal.journal import BEGIN, Batch, Outcome
+from companion.journal.journal import Batch, Outcome, begin_chain
 from companion.journal.reading import Flight, find_flights
-from companion.journal.recorder import BlackBox, Recorder, files_of, start_body
+from companion.journal.recorder import BlackBox, Recorder, files_of, head_of, start_body
 from companion.journal.segments import DirectWriter
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.framing.signing import Gate
@@ -110,21 +110,26 @@ def recorded(folder: Path, ticks: int = 40, **how: Any) -> Flight:
 
 def chunks_of(data: bytes) -> tuple[bytes, list[Messages]]:
     """How a closed segment begins, and the messages of its chunks."""
-    chunks = list(mcap.read_chunks(data))
-    return data[: chunks[0][0]], [mcap.read_messages(body, offset) for offset, body in chunks]
+    head = mcap.read_head(data)
+    chunks = mcap.read_chunks(data, len(head))
+    return head, [mcap.read_messages(body, offset) for offset, body in chunks]
 
 
 def forge(path: Path, change: Callable[[Messages], Sequence[mcap.Message]]) -> None:
     """Change the messages of a segment; every CRC is right afterwards."""
     head, chunks = chunks_of(path.read_bytes())
-    messages = change([message for chunk in chunks for message in chunk])
+    path.write_bytes(file_of(head, change([message for chunk in chunks for message in chunk])))
+
+
+def file_of(head: bytes, messages: Sequence[mcap.Message]) -> bytes:
+    """A closed segment, of one chunk."""
     records = b"".join(mcap.message(m.channel_id, m.sequence, m.time_ns, m.data) for m in messages)
-    path.write_bytes(head + mcap.chunk(records, 0, 0) + mcap.end())
+    return head + mcap.chunk(records, 0, 0) + mcap.end()
 
 
-def sealed_anew(messages: Messages) -> Messages:
-    """As somebody writes them who knows the format: with a chain that holds."""
-    link, before, made = BEGIN, b"", []
+def sealed_anew(messages: Messages, link: bytes | None = None) -> Messages:
+    """As somebody writes them who knows the format: with a chain that holds. `link`: the first; None: of today's."""
+    link, before, made = begin_chain(head_of(START)) if link is None else link, b"", []
     for m in messages:
         if m.channel_id in (Channel.TICK, Channel.END):
             text, _ = unsealed(m.data)

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from companion.journal import journal as journals
-from companion.journal.channels import head, sensor_links
 from companion.journal.mcap import end
 from companion.journal.reading import Flight, Gap, Recorded, read_flight
+from companion.journal.recorder import head_of
 from companion.journal.replay import replay_flight
 from tests.unit.journal.journal_kit import START, MemoryDisk, fly_ticks, recorder_of
 from tests.unit.mavlink.endpoint_kit import TICK_S
@@ -17,7 +17,7 @@ from tests.unit.mavlink.endpoint_kit import TICK_S
 
 def read_back(disk: MemoryDisk, folder: Path) -> Flight:
     path = folder / "vehicle-3-flight-0001-0001.mcap"
-    path.write_bytes(head(sensor_links(START), {}) + b"".join(disk.chunks) + end())
+    path.write_bytes(head_of(START) + b"".join(disk.chunks) + end())
     return Flight(3, 1, {1: path})
 
 

@@ -10,10 +10,22 @@ import pytest
 
 from companion.journal import mcap
 from companion.journal.channels import Channel
-from companion.journal.reading import Break, CutOff, Flight, Item, Recorded, read_flight
+from companion.journal.journal import BEGIN
+from companion.journal.reading import Break, CutOff, Flight, Item, Recorded, find_flights, read_flight
+from companion.journal.recorder import head_of
 from companion.journal.replay import replay_flight
-from companion.journal.segments import find_segments
-from tests.unit.journal.journal_kit import Messages, chunks_of, forge, recorded, sealed_anew
+from companion.journal.segments import DirectWriter, SegmentFiles, find_segments
+from tests.unit.journal.journal_kit import (
+    START,
+    Messages,
+    chunks_of,
+    file_of,
+    fly_ticks,
+    forge,
+    recorded,
+    recorder_of,
+    sealed_anew,
+)
 
 TICKS = 40
 
@@ -108,7 +120,7 @@ def test_what_was_changed_is_named(change: Callable[[Messages], Messages], fligh
 def test_a_changed_byte_without_its_crc_is_named_by_its_place(flight: Flight) -> None:
     path = flight.segments[1]
     data = bytearray(path.read_bytes())
-    offset, body = list(mcap.read_chunks(bytes(data)))[2]
+    offset, body = list(mcap.read_chunks(bytes(data), len(mcap.read_head(bytes(data)))))[2]
     data[offset + len(body) // 2] ^= 1
     path.write_bytes(data)
     found = breaks(list(read_flight(flight)))
@@ -140,7 +152,7 @@ def test_a_log_cut_at_any_byte_is_read_to_its_last_whole_chunk(flight: Flight) -
     head, chunks = chunks_of(data)
     whole: list[tuple[int, int]] = []  # offset from which a chunk is there, ticks up to it
     ticks = 0
-    for (offset, body), messages in zip(mcap.read_chunks(data), chunks, strict=True):
+    for (offset, body), messages in zip(mcap.read_chunks(data, len(head)), chunks, strict=True):
         ticks += sum(m.channel_id == Channel.TICK for m in messages)
         whole.append((offset + 9 + len(body), ticks))
     ended_at = whole[-1][0]
@@ -178,3 +190,92 @@ def test_missing_segments_are_named(tmp_path: Path) -> None:
     assert key == (3, 1, 1)
     moved = Flight(flight.vehicle_id, 1, {2: path})
     assert breaks(list(read_flight(moved)))[0] == "segments 1 to 1 are missing"
+
+
+def test_zeros_behind_the_last_whole_chunk_are_what_a_power_cut_leaves(flight: Flight) -> None:
+    """The size of the file was on the disk before its bytes; the chunk that was being written is torn."""
+    path = flight.segments[1]
+    data = path.read_bytes()
+    head = mcap.read_head(data)
+    offset, body = list(mcap.read_chunks(data, len(head)))[3]
+    ticks = sum(message.channel_id == Channel.TICK for chunk in chunks_of(data)[1][:3] for message in chunk)
+    assert ticks > 10
+    for torn in (0, 1, 8, 9, 40, 9 + len(body) // 2, 9 + len(body) - 1):
+        path.write_bytes(data[: offset + torn] + bytes(100_000))
+        written = len(data[: offset + torn].rstrip(b"\0"))
+        replayed = replay_flight(flight)
+        assert replayed.breaks == []
+        assert replayed.ends == (
+            f"cut off: {path.name}, byte {offset}: zeros from byte {written} to its end, as a power cut leaves them"
+        )
+        assert (replayed.same, replayed.is_same) == (ticks, True)
+
+
+def test_other_bytes_behind_the_last_whole_chunk_are_a_broken_chain(flight: Flight) -> None:
+    path = flight.segments[1]
+    data = path.read_bytes()
+    offset, body = list(mcap.read_chunks(data, len(mcap.read_head(data))))[3]
+    written = data[: offset + 9 + len(body) // 2] + bytes(100_000)
+    for tail in (b"x", data[offset + 9 + len(body) :], b"\1" * 100):
+        path.write_bytes(written + tail)
+        replayed = replay_flight(flight)
+        assert replayed.breaks
+        assert not replayed.is_same
+    for tail in (b"x", mcap.end(), bytes(100) + b"x"):  # behind the end of a closed file
+        path.write_bytes(data + tail)
+        assert replay_flight(flight).breaks == [f"{path.name}, byte {len(data) - len(mcap.end())}: {ODD_BYTES}"]
+
+
+ODD_BYTES = "bytes that are no chunk"
+
+
+def test_a_record_between_chunks_or_a_changed_end_is_a_broken_chain(flight: Flight) -> None:
+    path = flight.segments[1]
+    data = path.read_bytes()
+    offset, _ = list(mcap.read_chunks(data, len(mcap.read_head(data))))[2]
+    for changed in (
+        data[:offset] + mcap.metadata("flown", {"by": "another"}) + data[offset:],
+        data[: -len(mcap.end()) + 10] + b"\1" + data[-len(mcap.end()) + 11 :],
+    ):
+        path.write_bytes(changed)
+        assert replay_flight(flight).breaks[0].endswith(ODD_BYTES)
+
+
+def test_any_changed_byte_of_the_header_breaks_the_chain(flight: Flight) -> None:
+    path = flight.segments[1]
+    data = path.read_bytes()
+    first = len(mcap.read_head(data))
+    for at in (*range(0, first, 23), first - 1):
+        path.write_bytes(data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :])
+        assert not replay_flight(flight).is_same
+    path.write_bytes(data[:200] + bytes([data[200] ^ 1]) + data[201:])
+    replayed = replay_flight(flight)
+    assert replayed.same == 0
+    assert "tick 1, or what came before it or the file's header, was changed" in replayed.breaks
+
+
+def test_every_segment_has_the_header_of_the_first(tmp_path: Path) -> None:
+    made = SegmentFiles(tmp_path, 3, head_of(START), segment_bytes=12_000, waits_for_disk=False)
+    recorder, _ = recorder_of(DirectWriter(made))
+    fly_ticks(recorder, TICKS)
+    recorder.close("ended")
+    (flight,) = find_flights(tmp_path)
+    assert replay_flight(flight).is_same
+    data = flight.segments[2].read_bytes()
+    flight.segments[2].write_bytes(data.replace(b"its digest", b"my  digest"))
+    assert replay_flight(flight).breaks == [f"{flight.segments[2].name}: its header is not the first segment's"]
+
+
+def test_a_box_of_the_format_before_is_read(flight: Flight) -> None:
+    """Its chain begins with zeros, behind the header."""
+    path = flight.segments[1]
+    head, chunks = chunks_of(path.read_bytes())
+    start, *others = [message for chunk in chunks for message in chunk]
+    older = [replace(start, data=start.data.replace(b'"format":2', b'"format":1')), *others]
+    path.write_bytes(file_of(head, sealed_anew(older, BEGIN)))
+    replayed = replay_flight(flight)
+    assert (replayed.start["format"], replayed.same, replayed.is_same) == (1, TICKS, True)
+    path.write_bytes(
+        file_of(head, sealed_anew([replace(start, data=start.data.replace(b'"format":2', b'"format":3')), *others]))
+    )
+    assert replay_flight(flight).stopped == "format 3: this program reads 1 and 2"

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from companion.journal.channels import head, sensor_links
 from companion.journal.reading import find_flights
+from companion.journal.recorder import head_of
 from companion.journal.replay import replay_flight
 from companion.journal.segments import DirectWriter, SegmentFiles
 from tests.unit.journal.journal_kit import START, fly_ticks, recorder_of
@@ -30,7 +30,7 @@ class Moment:
 
 
 def writer_in(folder: Path) -> DirectWriter:
-    files = SegmentFiles(folder, START["vehicle"], head(sensor_links(START), {}), segment_bytes=40_000)
+    files = SegmentFiles(folder, START["vehicle"], head_of(START), segment_bytes=40_000)
     return DirectWriter(files)
 
 

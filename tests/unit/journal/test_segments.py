@@ -10,11 +10,10 @@ from typing import Any
 import pytest
 
 from companion.journal import segments
-from companion.journal.channels import head, sensor_links
 from companion.journal.journal import Batch
 from companion.journal.mcap import begin, chunk, end
 from companion.journal.reading import find_flights
-from companion.journal.recorder import files_of
+from companion.journal.recorder import files_of, head_of
 from companion.journal.replay import replay_flight
 from companion.journal.segments import DirectWriter, SegmentFiles
 from tests.unit.journal.journal_kit import START, fly_ticks, recorder_of
@@ -43,7 +42,7 @@ def test_a_full_segment_is_closed_and_the_next_one_begun(tmp_path: Path) -> None
 
 
 def test_a_flight_over_several_segments_is_one(tmp_path: Path) -> None:
-    made = SegmentFiles(tmp_path, 3, head(sensor_links(START), {}), segment_bytes=12_000, waits_for_disk=False)
+    made = SegmentFiles(tmp_path, 3, head_of(START), segment_bytes=12_000, waits_for_disk=False)
     recorder, _ = recorder_of(DirectWriter(made))
     fly_ticks(recorder, 100)
     recorder.close("ended")
@@ -89,7 +88,7 @@ def test_a_companion_that_is_started_again_and_again_makes_so_many_files_and_no_
 
 def test_then_the_beginning_of_this_flight_goes_which_is_then_not_replayed(tmp_path: Path) -> None:
     limits = {"segment_bytes": 12_000, "bytes_max": 40_000}
-    made = SegmentFiles(tmp_path, 3, head(sensor_links(START), {}), waits_for_disk=False, **limits)
+    made = SegmentFiles(tmp_path, 3, head_of(START), waits_for_disk=False, **limits)
     recorder, _ = recorder_of(DirectWriter(made))
     fly_ticks(recorder, 200)
     recorder.close("ended")
