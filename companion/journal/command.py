@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from pathlib import Path
 
 from companion.journal.channels import Json
 from companion.journal.reading import BlackBoxError, Flight, find_flights
 from companion.journal.replay import Replayed, replay_flight
+from companion.journal.summary import summarise_flight
 from mission import __version__
 from mission.common.compiled import STATE
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
@@ -17,26 +19,36 @@ EXIT_DIFFERS = 1
 
 
 def replay(arguments: argparse.Namespace) -> int:
-    """The exit code: 0 all is the same, 1 it is not, or could not all be run again."""
+    """The exit code: 0 all is the same, 1 it is not, or could not all be run again, 2 no tick was asked for."""
     try:
         flights = find_flights(Path(arguments.log))
-        replays = [_replay_told(flight, arguments) for flight in flights]
+        are_same = [_replay_told(flight, arguments) for flight in flights]
     except BlackBoxError as error:
         print(f"companion: {error}", file=sys.stderr)
         return EXIT_BAD_FILE
     except ModuleNotFoundError as error:  # of a flight with a survey
         print(f"companion: this flight has a survey, which needs {error.name}: the extra `survey`", file=sys.stderr)
         return EXIT_ENVIRONMENT
-    return EXIT_DONE if all(replays) else EXIT_DIFFERS
+    if False in are_same:
+        return EXIT_DIFFERS
+    return EXIT_DONE if True in are_same else EXIT_BAD_FILE
 
 
-def _replay_told(flight: Flight, arguments: argparse.Namespace) -> bool:
+def _replay_told(flight: Flight, arguments: argparse.Namespace) -> bool | None:
+    """Replay one and print it. True: all is the same; None: no tick of this flight was asked for."""
+    from_s, to_s = arguments.from_s, arguments.to_s
     replayed = replay_flight(
         flight,
-        from_s=arguments.from_s,
-        to_s=arguments.to_s,
-        show=_print_tick if arguments.ticks else lambda _body: None,
+        from_s=-math.inf if from_s is None else from_s,
+        to_s=math.inf if to_s is None else to_s,
+        show=_print_tick if arguments.ticks else lambda _body, _since_s: None,
     )
+    options = " ".join(f"{name} {value:g}" for name, value in (("--from", from_s), ("--to", to_s)) if value is not None)
+    if options and replayed.is_same and not replayed.summary.ticks:
+        told = summarise_flight(flight).times() or ", none at all"
+        which = f"vehicle {flight.vehicle_id}, flight {flight.number}"
+        print(f"companion: {options}: no tick of {which}; it has ticks{told}", file=sys.stderr)
+        return None
     print("\n".join(_lines(flight, replayed)))
     return replayed.is_same
 
@@ -63,7 +75,7 @@ def _lines(flight: Flight, replayed: Replayed) -> list[str]:
     return [*found, f"{verdict}: {replayed.same} of {ticks} ticks, bit for bit"]
 
 
-def _print_tick(body: Json) -> None:
+def _print_tick(body: Json, since_s: float) -> None:
     cuts = ", ".join(f"{cut['reason']} {cut['by_mps']}" for cut in body["cuts"])
     beacons = ", ".join(f"{fate} of {senders}" for fate, senders in body["beacons"].items() if fate != "KEPT")
     refused = ", ".join(f"{count} {why}" for why, count in body["refused"].items())
@@ -71,4 +83,4 @@ def _print_tick(body: Json) -> None:
     notes = [f"cut by {cuts}" if cuts else "", f"beacons {beacons}" if beacons else "", said]
     notes.insert(2, f"refused {refused}" if refused else "")
     velocity = " ".join("nan" if v is None else f"{v:.3f}" for v in body["setpoint_ned_mps"])
-    print(f"{body['tick']:7} {body['time_s']:10.3f} {body['state']:12} {velocity:24} {'; '.join(filter(None, notes))}")
+    print(f"{body['tick']:7} {since_s:10.3f} {body['state']:12} {velocity:24} {'; '.join(filter(None, notes))}")

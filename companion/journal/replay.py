@@ -37,11 +37,18 @@ class Replayed:
     stopped: str = ""  # why ticks from somewhere on could not be run again
     ends: str = ""  # how the log ends
     head: str = ""  # the last link of the chain
+    began_s: float | None = None  # the first tick that is there, on the companion's clock
 
     @property
     def is_same(self) -> bool:
         """All ticks were run again, put out the same, and the chain is whole."""
         return not (self.breaks or self.difference or self.stopped)
+
+    def since_s(self, body: Json) -> float:
+        """Time of a tick, or of the end, after the first tick, to a millisecond."""
+        now_s = float(body["time_s"])
+        self.began_s = now_s if self.began_s is None else self.began_s
+        return round(now_s - self.began_s, 3)
 
 
 def replay_flight(
@@ -49,11 +56,13 @@ def replay_flight(
     *,
     from_s: float = -math.inf,
     to_s: float = math.inf,
-    show: Callable[[Json], None] = lambda _body: None,
+    show: Callable[[Json, float], None] = lambda _body, _since_s: None,
 ) -> Replayed:
     """Ticks before `from_s` are run and compared, but not counted; those after `to_s` are not run.
 
-    `show`: each tick in between, as recorded. BlackBoxError; ModuleNotFoundError as `rebuild_endpoint`.
+    Both count from the first tick that is there, and are compared to a millisecond, as they are printed.
+    `show`: each tick in between, as recorded, and its time after the first.
+    BlackBoxError; ModuleNotFoundError as `rebuild_endpoint`.
     """
     player, replayed = _Player(), Replayed()
     for item in read_flight(flight):
@@ -64,7 +73,7 @@ def replay_flight(
             except RebuildError as error:
                 replayed.stopped = str(error)
         elif isinstance(item, Recorded):
-            if not item.is_end and item.body["time_s"] > to_s:
+            if not item.is_end and replayed.since_s(item.body) > to_s:
                 replayed.ends = f"not read beyond {to_s:g} s"
                 break
             _replay_one(item, player, replayed, from_s, show)
@@ -82,22 +91,23 @@ def replay_flight(
 
 
 def _replay_one(
-    item: Recorded, player: _Player, replayed: Replayed, from_s: float, show: Callable[[Json], None]
+    item: Recorded, player: _Player, replayed: Replayed, from_s: float, show: Callable[[Json, float], None]
 ) -> None:
     body = item.body
     replayed.head = item.link.hex()
+    since_s = replayed.since_s(body)
     if item.is_end:
-        replayed.ends = f"{body['why']} at {body['time_s']:.3f} s"
-    elif body["time_s"] >= from_s:
-        replayed.summary.add(body)
-        show(body)
+        replayed.ends = f"{body['why']} at {since_s:.3f} s"
+    elif since_s >= from_s:
+        replayed.summary.add(body, replayed.began_s)
+        show(body, since_s)
     if replayed.stopped or replayed.difference:
         return
     if item.is_end:
         replayed.difference = player.end(item)
         return
-    replayed.difference = player.compare(item)
-    replayed.same += not replayed.difference and body["time_s"] >= from_s
+    replayed.difference = player.compare(item, since_s)
+    replayed.same += not replayed.difference and since_s >= from_s
 
 
 class _Player:
@@ -114,10 +124,10 @@ class _Player:
         self._endpoint = rebuild_endpoint(start, self._tape)
         self._links = sensor_links(start)
 
-    def compare(self, recorded: Recorded) -> list[str]:
-        """Run one tick; the first difference, in lines."""
+    def compare(self, recorded: Recorded, since_s: float) -> list[str]:
+        """Run one tick; the first difference, in lines. `since_s`: its time after the first."""
         body = recorded.body
-        place = f"tick {body['tick']}, {body['time_s']:.3f} s"
+        place = f"tick {body['tick']}, {since_s:.3f} s"
         try:
             out = self._run(recorded)
         except TapeError as error:

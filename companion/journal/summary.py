@@ -26,16 +26,18 @@ class Summary:
     """Of one flight of one vehicle."""
 
     ticks: int = 0
+    began_s: float = 0.0  # the flight's first tick; this and the next two on the companion's clock
     first_s: float = 0.0
     last_s: float = 0.0
     cuts: dict[str, CutSpan] = field(default_factory=dict)  # by reason
     beacons: dict[int, Counter[str]] = field(default_factory=dict)  # by sender: fate -> how many
     refused: Counter[str] = field(default_factory=Counter)  # frames and orders, by reason
 
-    def add(self, body: Json) -> None:
-        """One more tick, as recorded."""
+    def add(self, body: Json, began_s: float | None = None) -> None:
+        """One more tick, as recorded. `began_s`: the flight's first; None: the first of these."""
         now_s = float(body["time_s"])
-        self.first_s = now_s if not self.ticks else self.first_s
+        if not self.ticks:
+            self.first_s, self.began_s = now_s, now_s if began_s is None else began_s
         self.last_s, self.ticks = now_s, self.ticks + 1
         for cut in body["cuts"]:
             span = self.cuts.setdefault(cut["reason"], CutSpan())
@@ -59,9 +61,15 @@ class Summary:
         most = len(BARS) - 1
         return "".join(BARS[min(most, math.ceil(most * count / full))] for count in counts)
 
+    def times(self) -> str:
+        """Times of its first and last tick, in words; empty: it has no tick."""
+        first_s, last_s = self.first_s - self.began_s, self.last_s - self.began_s
+        clock = f"which was at {self.began_s:.2f} s of the companion's clock"
+        return f", {first_s:.2f} to {last_s:.2f} s after the first, {clock}" if self.ticks else ""
+
     def lines(self) -> list[str]:
         """A table for people."""
-        found = [f"  {self.ticks} ticks, {self.first_s:.2f} to {self.last_s:.2f} s"]
+        found = [f"  {self.ticks} ticks{self.times()}"]
         fates = self.fates()
         others = ", ".join(f"{fate} {count}" for fate, count in sorted(fates.items()) if fate != "KEPT") or "none"
         found.append(f"  beacons heard {fates.total()}: kept {fates['KEPT']}, not kept: {others}")

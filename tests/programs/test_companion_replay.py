@@ -25,17 +25,70 @@ def test_a_flight_that_is_the_same(flight: Flight, tmp_path: Path, capsys: pytes
         lines = capsys.readouterr().out.splitlines()
         assert lines[0] == "vehicle 3, flight 1, 1 segments"
         assert lines[-1] == "SAME: 40 of 40 ticks, bit for bit"
-        assert "  ends: ended at 11.950 s" in lines
+        assert "  ends: ended at 1.950 s" in lines
 
 
 def test_ticks_are_listed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recorded(tmp_path)
-    assert cli.main(["replay", str(tmp_path), "--from", "10.1", "--to", "10.3", "--ticks"]) == 0
+    assert cli.main(["replay", str(tmp_path), "--from", "0.1", "--to", "0.3", "--ticks"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines[:5]] == ["3", "4", "5", "6", "7"]
+    assert [line.split()[:2] for line in lines[:5]] == [[f"{k}", f"{0.05 * (k - 1):.3f}"] for k in range(3, 8)]
     assert "beacons VERSION of [6]" in lines[0]
     assert "vehicle 6 beacon version 9, not 1: ignored" in lines[0]
+    assert "  5 ticks, 0.10 to 0.30 s after the first, which was at 10.00 s of the companion's clock" in lines
     assert lines[-1] == "SAME: 5 of 5 ticks, bit for bit"
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (["--from", "1e9"], "--from 1e+09"),
+        (["--from", "10.1", "--to", "10.3"], "--from 10.1 --to 10.3"),  # of the companion's clock
+        (["--from", "1", "--to", "0.5"], "--from 1 --to 0.5"),
+        (["--to", "-1"], "--to -1"),
+    ],
+)
+def test_a_replay_of_no_tick_is_no_pass(
+    options: list[str], named: str, flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert flight.segments
+    assert cli.main(["replay", str(tmp_path), *options]) == 2
+    printed = capsys.readouterr()
+    assert "SAME" not in printed.out
+    assert printed.err == (
+        f"companion: {named}: no tick of vehicle 3, flight 1; it has ticks, 0.00 to 1.95 s after the first, "
+        "which was at 10.00 s of the companion's clock\n"
+    )
+
+
+def test_a_flight_that_was_over_before_does_not_fail_those_of_the_same_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for ticks in (10, 40):
+        recorder, _ = recorder_of(DirectWriter(files_of(tmp_path, START, waits_for_disk=False)))
+        fly_ticks(recorder, ticks)
+        recorder.close("ended")
+    assert cli.main(["replay", str(tmp_path), "--from", "1"]) == 0
+    printed = capsys.readouterr()
+    assert "no tick of vehicle 3, flight 1; it has ticks, 0.00 to 0.45 s" in printed.err
+    assert printed.out.count("SAME: 20 of 20 ticks") == 1
+
+
+def test_a_broken_chain_fails_also_where_no_tick_was_asked_for(
+    flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    forge(flight.segments[1], change_input)
+    assert cli.main(["replay", str(tmp_path), "--from", "100"]) == 1
+    assert capsys.readouterr().out.splitlines()[-1] == "INCOMPLETE: 0 of 0 ticks, bit for bit"
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "ten"])
+@pytest.mark.parametrize("option", ["--from", "--to"])
+def test_a_time_that_is_none_is_refused(option: str, value: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as refused:
+        cli.main(["replay", "box", option, value])
+    assert refused.value.code == 2
+    assert f"argument {option}: '{value}': must be a number of seconds" in capsys.readouterr().err
 
 
 def test_a_box_that_was_changed(flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

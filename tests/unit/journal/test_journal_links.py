@@ -92,7 +92,9 @@ def test_a_word_about_the_links_is_said_again(tmp_path: Path) -> None:
     recorder.close("ended")
     said: list[tuple[int, str]] = []
     flight = the_flight(tmp_path)
-    replayed = replay_flight(flight, show=lambda body: said.extend((body["tick"], s["text"]) for s in body["said"]))
+    replayed = replay_flight(
+        flight, show=lambda body, _since_s: said.extend((body["tick"], s["text"]) for s in body["said"])
+    )
     assert (replayed.difference, replayed.is_same) == ([], True)
     assert (11, "peers' link flooded: 4120 lost unread") in said
     forge(flight.segments[1], lambda all_: sealed_anew([m for m in all_ if m.channel_id != Channel.SURROUNDINGS_IN]))
@@ -108,6 +110,8 @@ def test_figures_of_the_stand_are_answered_for_by_the_log(tmp_path: Path) -> Non
         fly_ticks(recorder, 1, first=k)
     recorder.close("ended")
     said: list[str] = []
-    replayed = replay_flight(the_flight(tmp_path), show=lambda body: said.extend(s["text"] for s in body["said"]))
+    replayed = replay_flight(
+        the_flight(tmp_path), show=lambda body, _since_s: said.extend(s["text"] for s in body["said"])
+    )
     assert (replayed.difference, replayed.is_same) == ([], True)
     assert "stand: 42 stems" in said
