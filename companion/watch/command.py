@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 from companion.keys.key_file import KeyFileError, load_keyring
-from companion.keys.keyring import OPERATOR
+from companion.keys.keyring import OPERATOR, Keyring
 from companion.keys.process import harden_process
 from companion.mavlink.peers.session import BASE_ID, Session, open_session
 from companion.order.radio import open_operator
@@ -48,6 +48,10 @@ UNUSED_BOOT: Final = 1  # nothing is sent
 PICTURES_S: Final = 0.25  # four a second: ages in tenths need no more
 
 
+class RefusedFilesError(Exception):
+    """The mission, the key, or both are refused: in lines for the terminal."""
+
+
 class Receiver(Protocol):
     """The radio, as it is heard."""
 
@@ -62,14 +66,13 @@ def watch(arguments: argparse.Namespace) -> int:
     """Until SIGINT or SIGTERM; the exit code."""
     with ExitStack() as opened:
         try:
-            mission = None if arguments.mission is None else _mission(arguments.mission)
-            session = None if arguments.key is None else _session(arguments.key, arguments.mission)
+            mission, session = _read_files(arguments.mission, arguments.key)
             chart = _chart(arguments.map, arguments.utm)
             if chart is not None:
                 opened.callback(chart.close)
             stream = Stream()
             receiver, told, server = _open(arguments, mission, stream, chart, opened)
-        except MissionError as error:
+        except (RefusedFilesError, MissionError) as error:
             return _refused(EXIT_BAD_FILE, error)
         except KeyFileError as error:
             return _refused(EXIT_BAD_FILE, f"companion: --key {error}")
@@ -173,13 +176,32 @@ def _listen(heard: Heard, receiver: Receiver, stream: Stream, stop: Stop, told: 
                 break
 
 
-def _session(key: str, mission: str | None) -> Session:
+def _read_files(mission_path: str | None, key: str | None) -> tuple[Mission | None, Session | None]:
+    """The mission, and the session of the key. RefusedFilesError: all that is wrong with both."""
+    mission, keyring, why = None, None, list[str]()
+    try:
+        mission = None if mission_path is None else _mission(mission_path)
+    except MissionError as error:
+        why.append(f"companion: --mission: the mission is refused\n{error}")
+    except ValueError as error:
+        why.append(f"companion: --mission {error}")
+    try:
+        keyring = None if key is None else _keyring(key, mission_path)
+    except KeyFileError as error:
+        why.append(f"companion: --key {error}")
+    if why:
+        raise RefusedFilesError("\n".join(why))
+    if keyring is None or mission_path is None:
+        return mission, None
+    return mission, open_session(keyring, BASE_ID, bytes.fromhex(mission_sha256(mission_path)), UNUSED_BOOT)
+
+
+def _keyring(key: str, mission_path: str | None) -> Keyring:
     """KeyFileError."""
-    if mission is None:
+    if mission_path is None:
         raise KeyFileError(f"{printable(key)}: needs --mission FILE: the swarm signs for its own mission file")
     harden_process()
-    keyring = load_keyring(key, OPERATOR)
-    return open_session(keyring, BASE_ID, bytes.fromhex(mission_sha256(mission)), UNUSED_BOOT)
+    return load_keyring(key, OPERATOR)
 
 
 def _mission(path: str) -> Mission:

@@ -99,7 +99,21 @@ def test_a_mission_without_an_origin_is_nowhere_on_a_map(tmp_path: Path) -> None
     options = ["--peers", f"udpin://127.0.0.1:{free_port()}", "--mission", str(tmp_path / "m.toml")]
     done = subprocess.run(command(*options), capture_output=True, text=True, timeout=LIMIT_S, check=False)
     assert done.returncode == 2
-    assert "must have an [origin]" in done.stderr
+    where = f"companion: --mission {tmp_path / 'm.toml'}: must have an [origin]: where on Earth is it?\n"
+    assert done.stderr == where
+    key = key_file(tmp_path / "vehicle.key", vehicle_of(operator_of(2), 1))
+    done = subprocess.run(
+        command(*options, "--key", str(key)), capture_output=True, text=True, timeout=LIMIT_S, check=False
+    )
+    assert done.stderr.startswith(f"{where}companion: --key {key}: ")  # all that is wrong, at once
+    assert "must be the operator" in done.stderr
+
+
+def test_a_mission_that_is_not_there_is_named_with_its_option() -> None:
+    options = ["--peers", f"udpin://127.0.0.1:{free_port()}", "--mission", "nope"]
+    done = subprocess.run(command(*options), capture_output=True, text=True, timeout=LIMIT_S, check=False)
+    assert done.returncode == 2
+    assert done.stderr == "companion: --mission: the mission is refused\nnope: no such file\n"
 
 
 def test_it_loads_neither_what_steers_nor_what_speaks_to_autopilots() -> None:
