@@ -11,7 +11,7 @@ DEV_READY := $(VENV)/.ready-dev
 MISSION ?= mission/examples/lone_tree.toml
 FLY ?=
 
-.PHONY: help install pure fly test fuzz taken-out mutants coverage check bench referees other-simulators conformance table1 bundle board-test docs dialect page page-check site site-parts site-check lock clean
+.PHONY: help install pure fly test dev fuzz taken-out mutants coverage check bench referees other-simulators conformance table1 bundle board-test docs dialect page page-check site site-parts site-check lock clean
 
 help:
 	@echo "make fly      set everything up, fly 8 vehicles to a tree     (MISSION=... FLY='-n 4 --seed 2')"
@@ -30,6 +30,7 @@ help:
 	@echo "make board-test  the bundle on an emulated arm64 board (Debian, as root; some minutes)"
 	@echo "make table1   the paper's Table I, Figures 4 and 5 beside ours  (docs/paper/, runs/table1/)"
 	@echo "make install  only set up .venv and compile, without the tools of the tests"
+	@echo "make dev      the same, and the tools of the tests and benches: what python -m tests.bench and docs/reliability.md want"
 	@echo "make pure     remove what was compiled"
 	@echo "make docs     generate the reference from the code"
 	@echo "make page     build the pages of replay and companion watch anew (npm)"
@@ -40,6 +41,7 @@ help:
 	@echo "make lock     resolve requirements*.lock anew"
 
 install: $(COMPILED)
+	@echo "installed: $(BIN)/sim-bridge, $(BIN)/companion, $(BIN)/mission"
 
 $(READY): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -57,6 +59,9 @@ $(COMPILED): $(READY) setup.py $(SOURCES)
 	@$(BIN)/python setup.py --quiet build_ext --inplace
 	@$(BIN)/python -m compileall -q mission companion sim_bridge
 	@! ls mission/common/*.sums >/dev/null 2>&1 || touch $@
+
+dev: $(COMPILED) $(DEV_READY)
+	@echo "installed: $(BIN)/python -m tests.bench, $(BIN)/python -m pytest"
 
 pure:
 	find mission companion sim_bridge -name '*.so' -delete
