@@ -17,6 +17,8 @@ from companion.core.model.states import STEERED, FlightState
 from companion.core.swarm import role_table
 from companion.core.vehicle.failsafe import TABLE
 from companion.core.vehicle.flight_table import TRANSITIONS
+from companion.mavlink.orders.book import REASONS
+from companion.mavlink.orders.desk import NEEDS_KEY
 from mission import __version__
 from mission.document.load import load_mission
 from sim_bridge.lab.study.load import load_study
@@ -179,6 +181,30 @@ def test_every_message_of_a_companion_is_explained_to_its_operator() -> None:
     missing = [text for name in SPEAK for text in texts(CORE / f"{name}.py") if text not in MESSAGES]
     missing += [part for row in TABLE for part in row.text.split("{}") if part not in MESSAGES and not row.advice]
     assert not missing
+
+
+SAYING = {"Say", "_report_text", "_report_sender", "ground"}  # functions that take a text for the operator
+
+
+def said_by(module: Path) -> Iterator[str]:
+    """The literal parts of what these functions are called with."""
+    for node in ast.walk(ast.parse(module.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Call) and getattr(node.func, "attr", getattr(node.func, "id", "")) in SAYING:
+            for argument in node.args:
+                parts = argument.values if isinstance(argument, ast.JoinedStr) else [argument]
+                yield from (
+                    part.value.strip()
+                    for part in parts
+                    if isinstance(part, ast.Constant) and isinstance(part.value, str)
+                )
+
+
+def test_every_message_of_radio_and_orders_is_explained_to_its_operator() -> None:
+    folder = ROOT / "companion" / "mavlink"
+    said = {text for module in folder.rglob("*.py") for text in said_by(module)}
+    assert {"is there twice: the later is ignored", "sends unsigned frames: ignored", "order obeyed:"} <= said
+    said = (said | {*REASONS.values(), NEEDS_KEY}) - {"not saved:"}  # the name of a reason
+    assert not sorted(text for text in said if text not in MESSAGES)
 
 
 def test_every_failsafe_is_in_the_reference(generator: ModuleType) -> None:
