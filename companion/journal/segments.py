@@ -17,7 +17,7 @@ from companion.journal import mcap
 from companion.journal.journal import Batch, Outcome
 
 SEGMENT_BYTES: Final = 32 << 20
-BYTES_MAX: Final = 1 << 30  # of one vehicle; half a day of a swarm of eight
+BYTES_MAX: Final = 1 << 30  # of one vehicle; 6 hours with all of PX4's streams, 14 with those that are asked for
 FILES_MAX: Final = 10_000  # of one vehicle: a companion that is started again and again makes small ones
 NAME: Final = re.compile(r"vehicle-(\d+)-flight-(\d+)-(\d+)\.mcap")
 
