@@ -34,6 +34,7 @@ class Ground:
         self._folder = folder
         self._read: tuple[object, StemMap | MissionError] | None = None  # the last, by its file
         self._drawn: object = None
+        self._shows_generated = False
         self.id = ""
         self.data = b"{}"  # JSON
         self.why_not = ""  # there is no stem map to draw
@@ -46,12 +47,13 @@ class Ground:
         stems, self.why_not = self._find_stems(forest.get("file"), origin_of(values))
         mapped = () if stems is None else stems.stems
         is_generated = isinstance(forest.get("stand"), Mapping)
-        if is_generated and stand is None and self.id:
+        if is_generated and stand is None and self._shows_generated:
             return  # it cannot be generated now: the last one stays
         key = (stand if is_generated else stems, json.dumps(forest, default=str))
         if key == self._drawn:
             return
         self._drawn = key
+        self._shows_generated = is_generated and stand is not None
         trees = [*_alone(forest), *(stem.tree for stem in mapped if stem.tree.species != UNDERGROWTH)]
         bushes: Sequence[StandTree] = [stem.tree for stem in mapped if stem.tree.species == UNDERGROWTH]
         if is_generated and stand is not None:

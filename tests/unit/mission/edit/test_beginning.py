@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 from typing import Any
@@ -151,6 +152,10 @@ def test_a_map_is_read_once_however_often_the_mission_is_changed(
 
 def test_a_generated_stand_stays_while_the_mission_is_not_good() -> None:
     editor = Editor(open_draft(STEMS.with_name("natural_stand.toml")))
+    editor.change([Change(do="set", path=("forest", "grade"), value=[0.05, 0.0])])  # d2 is below ground then
+    assert editor.describe()["problems"]
+    assert json.loads(editor.ground.data)["grade"] == [0.05, 0.0]
+    editor.draft.undo()
     number = editor.describe()["stand"]
     assert len(editor.ground.data) > 10_000
     editor.change([Change(do="set", path=("route", "vel_leader_mps"), value=99)])
