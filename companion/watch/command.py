@@ -20,9 +20,8 @@ from companion.keys.process import harden_process
 from companion.mavlink.peers.session import BASE_ID, open_session
 from companion.order.radio import open_operator
 from companion.shell.links import LinkError
+from companion.shell.urls import HEARING_SCHEMES, parse_url
 from companion.watch.alarms import alarms
-from companion.watch.chart import Chart, ChartError
-from companion.watch.charts import open_chart
 from companion.watch.heard import Heard
 from companion.watch.listening_guard import ListeningGuard
 from companion.watch.orders.desk import OrderDesk
@@ -32,6 +31,8 @@ from companion.watch.orders.server import OrderServer
 from companion.watch.server import Stream, WatchServer
 from companion.watch.udp_receiver import UdpReceiver
 from mission import __version__
+from mission.basemap.chart import Chart, ChartError
+from mission.basemap.charts import open_chart
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
 from mission.common.frames import LocalFrame, enu_to_ned
 from mission.common.network import own_addresses
@@ -93,7 +94,7 @@ def _open(
     """The radio, and the page's server. ValueError, KeyFileError, OSError, LinkError."""
     address = arguments.listen
     if not arguments.orders:
-        udp_receiver = UdpReceiver(arguments.peers)
+        udp_receiver = UdpReceiver(parse_url(str(arguments.peers), HEARING_SCHEMES))
         opened.callback(udp_receiver.close)
         return udp_receiver, lambda _now_s: {"orders": None}, _bound(WatchServer, address, stream, chart)
     if arguments.key is None or mission is None:

@@ -74,12 +74,12 @@ def run(args: argparse.Namespace) -> int:
                 except StartError:
                     _leave_nothing(folder, mission.forest.file)
                     raise
-            unwritten = write_page(outcome, folder, title, progress)
             if mission.survey is not None:
                 from sim_bridge.drive.stand_files import write_stand  # numpy's and scipy's parts that only it needs
 
                 for line in write_stand(mission, folder):
                     progress.event(outcome.metrics.sim_time_s, line)
+            unwritten = write_page(outcome, folder, title, progress)  # which links what there is by now
         code = present(outcome, folder, unwritten, as_json=args.json, verbose=args.verbose)
         if map_ is not None:
             map_.send_changes(over=describe_end(outcome, folder))
