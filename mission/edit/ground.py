@@ -72,7 +72,7 @@ class Ground:
         self.data = json.dumps(told, separators=(",", ":")).encode()
         self.id = hashlib.blake2b(self.data, digest_size=8).hexdigest()
 
-    def read(self, path: Path, *, origin: Wgs84 | None) -> StemMap:
+    def read_stem_map(self, path: Path, *, origin: Wgs84 | None) -> StemMap:
         """The stem map in `path`, read again only when its file has changed. MissionError."""
         try:
             state = os.stat(path)
@@ -94,7 +94,7 @@ class Ground:
         if not isinstance(file, str) or Path(file).name != file:
             return None, ""
         try:
-            return self.read(self._folder / file, origin=origin), ""
+            return self.read_stem_map(self._folder / file, origin=origin), ""
         except MissionError as error:
             return None, str(error)
 
