@@ -347,9 +347,8 @@ def _make_stand(arguments: argparse.Namespace) -> int:
     try:
         from companion.stand.command import stand
     except ModuleNotFoundError as error:  # vehicles do without numpy and scipy
-        print(
-            f"companion: stand needs {error.name}: install the extra `stand`, pip install '.[stand]'", file=sys.stderr
-        )
+        why = f"{error.name} is not installed: in the checkout, pip install -e '.[stand]'"
+        print(f"companion: stand: {why}", file=sys.stderr)
         return EXIT_ENVIRONMENT
     return stand(arguments)
 
