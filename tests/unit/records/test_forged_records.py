@@ -180,6 +180,20 @@ def test_flood_costs_as_many_signatures_as_its_sender_could_send_and_no_other_ve
     assert [number for number, _ in stored(one)] == [1, 2]
 
 
+def test_record_that_comes_again_costs_no_second_signature() -> None:
+    one = node()
+    for _ in range(2 * CHECKS_MAX):
+        one.receive(record_frame(made(1)), 0.0)
+    one.receive(record_frame(made(2)), 0.0)
+    assert [number for number, _ in stored(one)] == [1, 2]
+    for _ in range(2 * CHECKS_MAX):
+        one.receive(record_frame(made(1)), 2.0)
+    one.receive(record_frame(made(3)), 2.0)
+    one.frames(200.0, 0)
+    assert [number for number, _ in stored(one)] == [1, 2, 3]
+    assert one.dropped[NOT_CHECKED] == 0
+
+
 def test_revoked_vehicles_records_are_neither_taken_nor_sent() -> None:
     whole = keyring(1, 6)
     revoked = replace(whole, vehicles={k: public for k, public in whole.vehicles.items() if k != 2})
