@@ -16,6 +16,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 
 import flight_pages
+from api_pages import api_page
 from hazard_pages import HazardsError, hazards_page
 from key_pages import mission_page, row, study_page
 from mutant_pages import mutants_page
@@ -85,6 +86,8 @@ never came back, and where it runs. |
 | `records_unwritten` | By vehicle: its own records that never came onto its disk, because it was full or the \
 companion ended first. Companions that are processes say it in their logs alone (`own ones lost`, `own ones waiting \
 for the disk`): neither this figure nor `records_made` has theirs. |
+| `beacons_lost` | By vehicle: the share that it missed of what was broadcast within its radio range: lost at random, \
+to a cut, or behind trunks; null: nothing was, or the radio was not ours. |
 | `trace_hash` | SHA-256 over every vehicle's state and every beacon of every tick: equal hashes, equal flights. |
 | `flown_by`, `law`, `law_sha256`, `safety_filter` | Only where [not all was ours](../how-to/fly-your-own-law.md): \
 in words, as the verdict has it; the law's name; SHA-256 of its file, or null; whether there was a safety filter. |
@@ -132,6 +135,7 @@ def pages() -> dict[str, str]:
         "flight-states.md": flight_pages.flight_states_page,
         "hazards.md": hazards_page,
         "mutants.md": mutants_page,
+        "python.md": api_page,
     }
     return {name: "\n".join(maker()).rstrip() + "\n" for name, maker in makers.items()}
 

@@ -1115,6 +1115,7 @@ MAVLINK_MSG_ID_HIGHRES_IMU = 105
 MAVLINK_MSG_ID_SIM_STATE = 108
 MAVLINK_MSG_ID_TIMESYNC = 111
 MAVLINK_MSG_ID_HIL_STATE_QUATERNION = 115
+MAVLINK_MSG_ID_DISTANCE_SENSOR = 132
 MAVLINK_MSG_ID_ALTITUDE = 141
 MAVLINK_MSG_ID_BATTERY_STATUS = 147
 MAVLINK_MSG_ID_AUTOPILOT_VERSION = 148
@@ -2783,6 +2784,55 @@ class MAVLink_hil_state_quaternion_message(MAVLink_message):
 setattr(MAVLink_hil_state_quaternion_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_distance_sensor_message(MAVLink_message):
+    """
+    DISTANCE_SENSOR
+    """
+
+    id = MAVLINK_MSG_ID_DISTANCE_SENSOR
+    msgname = "DISTANCE_SENSOR"
+    fieldnames = ["time_boot_ms", "min_distance", "max_distance", "current_distance", "type", "id", "orientation", "covariance", "horizontal_fov", "vertical_fov", "quaternion", "signal_quality"]
+    ordered_fieldnames = ["time_boot_ms", "min_distance", "max_distance", "current_distance", "type", "id", "orientation", "covariance", "horizontal_fov", "vertical_fov", "quaternion", "signal_quality"]
+    fieldtypes = ["uint32_t", "uint16_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "float", "float", "float", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "min_distance": "cm", "max_distance": "cm", "current_distance": "cm", "covariance": "cm^2", "horizontal_fov": "rad", "vertical_fov": "rad", "signal_quality": "%"}
+    native_format = bytearray(b"<IHHHBBBBfffB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 4, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 4, 0]
+    crc_extra = 85
+    unpacker = struct.Struct("<IHHHBBBBff4fB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_boot_ms: int, min_distance: int, max_distance: int, current_distance: int, type: int, id: int, orientation: int, covariance: int, horizontal_fov: float = 0, vertical_fov: float = 0, quaternion: Sequence[float] = (0, 0, 0, 0), signal_quality: int = 0):
+        MAVLink_message.__init__(self, MAVLink_distance_sensor_message.id, MAVLink_distance_sensor_message.msgname)
+        self._fieldnames = MAVLink_distance_sensor_message.fieldnames
+        self._instance_field = MAVLink_distance_sensor_message.instance_field
+        self._instance_offset = MAVLink_distance_sensor_message.instance_offset
+        self.time_boot_ms = time_boot_ms
+        self.min_distance = min_distance
+        self.max_distance = max_distance
+        self.current_distance = current_distance
+        self.type = type
+        self.id = id
+        self.orientation = orientation
+        self.covariance = covariance
+        self.horizontal_fov = horizontal_fov
+        self.vertical_fov = vertical_fov
+        self.quaternion = quaternion
+        self.signal_quality = signal_quality
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.min_distance, self.max_distance, self.current_distance, self.type, self.id, self.orientation, self.covariance, self.horizontal_fov, self.vertical_fov, self.quaternion[0], self.quaternion[1], self.quaternion[2], self.quaternion[3], self.signal_quality), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_distance_sensor_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_altitude_message(MAVLink_message):
     """
     ALTITUDE
@@ -4041,6 +4091,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_SIM_STATE: MAVLink_sim_state_message,
     MAVLINK_MSG_ID_TIMESYNC: MAVLink_timesync_message,
     MAVLINK_MSG_ID_HIL_STATE_QUATERNION: MAVLink_hil_state_quaternion_message,
+    MAVLINK_MSG_ID_DISTANCE_SENSOR: MAVLink_distance_sensor_message,
     MAVLINK_MSG_ID_ALTITUDE: MAVLink_altitude_message,
     MAVLINK_MSG_ID_BATTERY_STATUS: MAVLink_battery_status_message,
     MAVLINK_MSG_ID_AUTOPILOT_VERSION: MAVLink_autopilot_version_message,
@@ -5648,6 +5699,46 @@ class MAVLink(object):
 
         """
         self.send(self.hil_state_quaternion_encode(time_usec, attitude_quaternion, rollspeed, pitchspeed, yawspeed, lat, lon, alt, vx, vy, vz, ind_airspeed, true_airspeed, xacc, yacc, zacc), force_mavlink1=force_mavlink1)
+
+    def distance_sensor_encode(self, time_boot_ms: int, min_distance: int, max_distance: int, current_distance: int, type: int, id: int, orientation: int, covariance: int, horizontal_fov: float = 0, vertical_fov: float = 0, quaternion: Sequence[float] = (0, 0, 0, 0), signal_quality: int = 0) -> MAVLink_distance_sensor_message:
+        """
+        DISTANCE_SENSOR
+
+        time_boot_ms              : time boot ms [ms] (type:uint32_t)
+        min_distance              : min distance [cm] (type:uint16_t)
+        max_distance              : max distance [cm] (type:uint16_t)
+        current_distance          : current distance [cm] (type:uint16_t)
+        type                      : type (type:uint8_t)
+        id                        : id (type:uint8_t)
+        orientation               : orientation (type:uint8_t)
+        covariance                : covariance [cm^2] (type:uint8_t)
+        horizontal_fov            : horizontal fov [rad] (type:float)
+        vertical_fov              : vertical fov [rad] (type:float)
+        quaternion                : quaternion (type:float)
+        signal_quality            : signal quality [%] (type:uint8_t)
+
+        """
+        return MAVLink_distance_sensor_message(time_boot_ms, min_distance, max_distance, current_distance, type, id, orientation, covariance, horizontal_fov, vertical_fov, quaternion, signal_quality)
+
+    def distance_sensor_send(self, time_boot_ms: int, min_distance: int, max_distance: int, current_distance: int, type: int, id: int, orientation: int, covariance: int, horizontal_fov: float = 0, vertical_fov: float = 0, quaternion: Sequence[float] = (0, 0, 0, 0), signal_quality: int = 0, force_mavlink1: bool = False) -> None:
+        """
+        DISTANCE_SENSOR
+
+        time_boot_ms              : time boot ms [ms] (type:uint32_t)
+        min_distance              : min distance [cm] (type:uint16_t)
+        max_distance              : max distance [cm] (type:uint16_t)
+        current_distance          : current distance [cm] (type:uint16_t)
+        type                      : type (type:uint8_t)
+        id                        : id (type:uint8_t)
+        orientation               : orientation (type:uint8_t)
+        covariance                : covariance [cm^2] (type:uint8_t)
+        horizontal_fov            : horizontal fov [rad] (type:float)
+        vertical_fov              : vertical fov [rad] (type:float)
+        quaternion                : quaternion (type:float)
+        signal_quality            : signal quality [%] (type:uint8_t)
+
+        """
+        self.send(self.distance_sensor_encode(time_boot_ms, min_distance, max_distance, current_distance, type, id, orientation, covariance, horizontal_fov, vertical_fov, quaternion, signal_quality), force_mavlink1=force_mavlink1)
 
     def altitude_encode(self, time_usec: int, altitude_monotonic: float, altitude_amsl: float, altitude_local: float, altitude_relative: float, altitude_terrain: float, bottom_clearance: float) -> MAVLink_altitude_message:
         """

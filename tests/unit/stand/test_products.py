@@ -287,7 +287,7 @@ def test_without_scipy_it_says_what_to_install(
     monkeypatch.delitem(sys.modules, "companion.stand.command", raising=False)
     monkeypatch.setitem(sys.modules, "companion.stand.products.write", None)
     assert main(["stand", str(tmp_path / "a.db"), "--mission", "m.toml", "--out", str(tmp_path)]) == 3
-    assert "pip install '.[stand]'" in capsys.readouterr().err
+    assert "pip install -e '.[stand]'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("value", ["0", "nan", "many", "61"])
