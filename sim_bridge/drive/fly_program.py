@@ -13,6 +13,7 @@ from pathlib import Path
 from mission.cli.main import EXIT_BAD_FILE
 from mission.common.network import own_addresses
 from mission.document import simulator
+from mission.document.airtime import find_short_batteries
 from mission.document.load import load_with_source
 from mission.document.model import Mission
 from mission.schema.fault_kinds import FORMS
@@ -122,6 +123,8 @@ def _announce(
             progress.event(0.0, line)
         if args.open:
             webbrowser.open(map_.urls[0])
+    for note in find_short_batteries(mission) if args.autopilots is None else ():
+        progress.event(0.0, note)
     if mission.flies_blind:
         progress.event(0.0, "no [sensing]: vehicles do not see the forest")
     if not entrant.is_ours:
