@@ -15,7 +15,7 @@ from companion.lidar.options import MODEL_NAMES, RAW_NAMES, parse_band, parse_ma
 from companion.order.options import add_order_commands
 from companion.radio_options import add_base_keys, add_preflight_keys, add_run_keys
 from companion.sensor_options import add_sensor_options
-from companion.shell.urls import AUTOPILOT_SCHEMES, HEARING_SCHEMES, PEERS_SCHEMES, Scheme, Url, UrlError, parse_url
+from companion.shell.urls import AUTOPILOT_SCHEMES, PEERS_SCHEMES, Scheme, Url, UrlError, parse_url
 from companion.stand.form_height import FORM_HEIGHT_M
 from companion.watch.address import PORT, address_of
 from mission import __version__
@@ -153,7 +153,7 @@ def _add_watch(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         allow_abbrev=False,
     )
     watch.add_argument(
-        "--peers", required=True, type=_url(HEARING_SCHEMES), metavar="URL", help="where the companions are heard"
+        "--peers", required=True, type=_url(PEERS_SCHEMES), metavar="URL", help="where the companions are heard"
     )
     watch.add_argument(
         "--listen",
@@ -167,6 +167,11 @@ def _add_watch(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--key",
         metavar="FILE",
         help="the operator's key file: show only what the swarm has signed, and say who else speaks (with --mission)",
+    )
+    watch.add_argument(
+        "--orders",
+        action="store_true",
+        help="take START, HOLD, LAND and ABORT from the page, and send them with the key (with --key and --mission)",
     )
     watch.add_argument(
         "--map", metavar="FILE", help="MBTiles of pictures, or an image with its world file (a metre grid)"

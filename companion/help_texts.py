@@ -71,11 +71,13 @@ exit codes: 0 no problem, 1 problems, 2 wrong usage
 
 WATCH = """\
 Hears the beacons of a swarm and shows, on a page for a tablet, what they say and how old it is: where each
-vehicle was last heard, which one leads, what nobody knows. It sends nothing to any vehicle, and cannot steer.
+vehicle was last heard, which one leads, what nobody knows. It sends nothing to any vehicle, and cannot steer; but with
+--orders, where the page has buttons for START, HOLD, LAND and ABORT, as `companion order` gives them.
 """
 
 WATCH_MORE = """\
-The address that it prints holds a token; without it nobody is let in. Ends with Ctrl-C.
+The address that it prints holds a token; without it nobody is let in. With --orders one of them also ends with a key:
+whoever has that address orders. docs/how-to/watch-in-the-field.md says what this stands against. Ends with Ctrl-C.
 exit codes: 0 ended by SIGINT or SIGTERM, 2 wrong usage or a bad file, 3 a port that cannot be opened
 """
 
@@ -201,6 +203,8 @@ EXAMPLES = {
     "watch": (
         "companion watch --peers udpbcast://192.168.4.255:14660",
         "companion watch --peers udpbcast://192.168.4.255:14660 --listen 192.168.4.10 --map forest.mbtiles",
+        "companion watch --peers udpbcast://192.168.4.255:14660 --listen 192.168.5.10 --mission forest.toml \\\n"
+        "      --key fleet/operator.key --orders",
     ),
     # an LD19 that hangs below vehicle 3 with its cable to the front, two legs in its way
     "lidar": (

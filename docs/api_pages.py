@@ -69,6 +69,7 @@ SECTIONS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
 }
 EXTRAS: Final = {
     "sim": "`sim-bridge`: physics, figures, pages",
+    "edit": "`mission edit`",
     "survey": "a companion that flies a mission with `[survey]`",
     "stand": "`companion stand`",
     "cluster": "`sim-bridge study --scheduler`, on several computers",

@@ -86,6 +86,8 @@ never came back, and where it runs. |
 | `records_unwritten` | By vehicle: its own records that never came onto its disk, because it was full or the \
 companion ended first. Companions that are processes say it in their logs alone (`own ones lost`, `own ones waiting \
 for the disk`): neither this figure nor `records_made` has theirs. |
+| `beacons_lost` | By vehicle: the share that it missed of what was broadcast within its radio range: lost at random, \
+to a cut, or behind trunks; null: nothing was, or the radio was not ours. |
 | `trace_hash` | SHA-256 over every vehicle's state and every beacon of every tick: equal hashes, equal flights. |
 | `flown_by`, `law`, `law_sha256`, `safety_filter` | Only where [not all was ours](../how-to/fly-your-own-law.md): \
 in words, as the verdict has it; the law's name; SHA-256 of its file, or null; whether there was a safety filter. |

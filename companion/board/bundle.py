@@ -23,6 +23,8 @@ from itertools import product
 from pathlib import Path
 from types import MappingProxyType
 
+from packaging.markers import InvalidMarker, Marker
+
 ROOT = Path(__file__).parents[2]
 BOARD = Path(__file__).parent
 LOCK = ROOT / "requirements-board.lock"
@@ -78,24 +80,51 @@ def make(out: Path, cache: Path, version: str | None = None) -> Path:
 
 def downloaded(lock: str, cache: Path) -> Path:
     """The folder with the locked wheels of every target."""
-    for line in lock.splitlines():
-        if ";" in line.partition("#")[0]:  # pip would read it for the Python that runs here
-            raise BundleError(EXIT_BAD_FILE, f"{LOCK.name}: {line.strip()!r}: a condition, and targets that differ")
+    locks = {target: lock_of(lock, *target) for target in product(PYTHONS, MACHINES)}
     targets = f"{PYTHONS}{MACHINES}{LIBC}"
     folder = cache / f"wheels-{_sha256((lock + targets).encode())[:16]}"
     if folder.is_dir():
         return folder
     partial = folder.with_suffix(".partial")
     partial.mkdir(parents=True, exist_ok=True)
-    for python, machine in product(PYTHONS, MACHINES):
+    for (python, machine), part in locks.items():
         print(f"wheels for Python {python}, {machine}", flush=True)
-        _pip(
-            *("download", "--quiet", "--only-binary=:all:", "--require-hashes", "--requirement", str(LOCK)),
-            *("--python-version", python, "--implementation", "cp", "--dest", str(partial)),
-            *(f"--platform={libc}_{machine}" for libc in LIBC),
-        )
+        with tempfile.NamedTemporaryFile("w", suffix=".lock") as one:
+            one.write(part)
+            one.flush()
+            _pip(
+                *("download", "--quiet", "--only-binary=:all:", "--require-hashes", "--requirement", one.name),
+                *("--python-version", python, "--implementation", "cp", "--dest", str(partial)),
+                *(f"--platform={libc}_{machine}" for libc in LIBC),
+            )
     partial.rename(folder)
     return folder
+
+
+def lock_of(lock: str, python: str, machine: str) -> str:
+    """The part of the lock for one target: pip reads conditions for the Python that runs here. BundleError."""
+    names = {
+        "implementation_name": "cpython",
+        "os_name": "posix",
+        "platform_machine": machine,
+        "platform_python_implementation": "CPython",
+        "platform_system": "Linux",
+        "python_full_version": f"{python}.0",
+        "python_version": python,
+        "sys_platform": "linux",
+    }
+    kept, holds = [], True
+    for line in lock.splitlines(keepends=True):
+        if line[:1] not in (" ", "#", "\n"):
+            what, _, condition = line.rstrip(" \\\n").partition(";")
+            try:
+                holds = not condition or Marker(condition).evaluate(names)
+            except InvalidMarker as error:
+                raise BundleError(EXIT_BAD_FILE, f"{LOCK.name}: {what.strip()}: {error}") from None
+            line = line.replace(f";{condition}", "") if condition else line
+        if holds:
+            kept.append(line)
+    return "".join(kept)
 
 
 def own_wheel(folder: Path, version: str | None) -> Path:

@@ -3,36 +3,28 @@
 from __future__ import annotations
 
 import argparse
-import secrets
 import select
 import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Final
 
-from companion.keys.key_file import KeyFileError, load_keyring
-from companion.keys.keyring import OPERATOR
+from companion.keys.key_file import KeyFileError
 from companion.keys.process import harden_process
 from companion.mavlink.orders.order import OrderKind
-from companion.mavlink.peers.guard import SignedGuard
-from companion.mavlink.peers.session import OPERATOR_ID
 from companion.order.ground_station import GroundStation
-from companion.order.order_file import SUFFIX, OperatorFile, OrderFileError
+from companion.order.order_file import SUFFIX, OrderFileError
+from companion.order.radio import OperatorRadio, drain, open_operator, open_radio_link
 from companion.order.station import OperatorStation, list_ids
 from companion.shell.floods import FloodLog
-from companion.shell.links import Link, LinkError, open_link
-from companion.shell.radio_keys import mission_digest, open_radio_session
+from companion.shell.links import Link, LinkError
 from companion.shell.runner import Stop
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
 from mission.common.problems import MissionError, printable
 from mission.document.load import load_mission
 
 EXIT_NOT_ALL = 1
-TICK_S: Final = 0.05
-READS_MAX: Final = 512  # datagrams before the next turn,
-READS_S: Final = 0.03  # and for how long: a flood keeps no order waiting
 LISTEN_S: Final = 3.0  # before a START, and where no flight is known: a boot is proven once a second
 SETTLE_S: Final = 1.0  # after the last question, for what came meanwhile
 SEEN_S: Final = 1.0  # sent at least so long: somebody may not have been heard yet
@@ -61,31 +53,27 @@ def order(arguments: argparse.Namespace) -> int:
 
 def _order(arguments: argparse.Namespace, opened: ExitStack) -> int:
     try:
-        keyring = load_keyring(arguments.key, OPERATOR)
         mission = load_mission(arguments.mission)
-        digest = mission_digest(arguments.mission)
-        file = OperatorFile(Path(f"{arguments.key}{SUFFIX}"), lambda: time.time_ns() // 1_000_000)
-        knows_flight = file.knows_flight(digest)
-        link = _open(arguments.peers, opened)
-        ground = _open(arguments.ground_station, opened) if arguments.order_command == "gateway" else None
+        size = mission.swarm.size
+        operator = open_operator(arguments.key, arguments.mission, size, arguments.peers, opened)
+        is_gateway = arguments.order_command == "gateway"
+        ground = open_radio_link(arguments.ground_station, opened) if is_gateway else None
     except (KeyFileError, OrderFileError) as error:
         raise _RefusedError(EXIT_BAD_FILE, str(error)) from None
     except MissionError as error:
         raise _RefusedError(EXIT_BAD_FILE, f"the mission is refused\n{error}") from None
     except LinkError as error:
         raise _RefusedError(EXIT_ENVIRONMENT, str(error)) from None
-    size = mission.swarm.size
-    guard = SignedGuard(open_radio_session(keyring, OPERATOR_ID, arguments.mission))
-    station = OperatorStation(keyring.seed, digest, size, file=file, draw=secrets.token_bytes, guard=guard)
+    station = operator.station
     with Stop() as stop:
-        links = {"radio": link} if ground is None else {"radio": link, "ground station's link": ground}
-        radio = _Radio(station, link, stop, FloodLog(links, lambda _now_s, text, _is_over: _show(text)))
+        links = {"radio": operator.link} | ({} if ground is None else {"ground station's link": ground})
+        radio = _Radio(operator, stop, FloodLog(links, lambda _now_s, text, _is_over: _show(text)))
         if ground is not None:
             print(f"orders of {printable(str(arguments.ground_station))} go to {arguments.peers}", flush=True)
             radio.serve(GroundStation(station, size, _show), ground)
             return EXIT_DONE
         kind = OrderKind[arguments.order_command.upper()]
-        if kind is OrderKind.START or not knows_flight:
+        if kind is OrderKind.START or not operator.knows_flight:
             radio.run(LISTEN_S)
         hand_back = 0
         if kind is OrderKind.START:
@@ -135,57 +123,35 @@ def _send(radio: _Radio, kind: OrderKind, hand_back: int, for_s: float) -> int:
 class _Radio:
     """The loop."""
 
-    def __init__(self, station: OperatorStation, link: Link, stop: Stop, floods: FloodLog) -> None:
-        self.station = station
-        self._link, self._stop, self._floods = link, stop, floods
-        self._due_s = time.monotonic()
+    def __init__(self, operator: OperatorRadio, stop: Stop, floods: FloodLog) -> None:
+        self.station = operator.station
+        self._operator, self._stop, self._floods = operator, stop, floods
 
     def run(self, for_s: float, is_done: Callable[[float], bool] = lambda _now_s: False) -> None:
         """Hear and send, for so long."""
         end_s = time.monotonic() + for_s
         while not self._stop.reason:
-            now_s = self._turn(self._link.fileno())
+            now_s = self._turn()
             if now_s >= end_s or is_done(now_s):
                 return
 
     def serve(self, ground_station: GroundStation, link: Link) -> None:
         """The same, with a ground station's commands, until it is stopped."""
         while not self._stop.reason:
-            now_s = self._turn(self._link.fileno(), link.fileno())
-            _drain(link, ground_station.receive, now_s)
+            now_s = self._turn(link.fileno())
+            drain(link, ground_station.receive, now_s)
             for datagram in ground_station.datagrams(now_s):
                 link.send(datagram)
 
     def _turn(self, *fds: int) -> float:
         """Wait for data, or until something is due; hear, and send. The time."""
-        select.select((*fds, self._stop.fileno()), (), (), max(0.0, self._due_s - time.monotonic()))
+        operator = self._operator
+        wait_s = max(0.0, operator.due_s - time.monotonic())
+        select.select((operator.link.fileno(), *fds, self._stop.fileno()), (), (), wait_s)
         now_s = time.monotonic()
-        _drain(self._link, self.station.receive, now_s)
-        if now_s >= self._due_s:
-            self._due_s = max(self._due_s + TICK_S, now_s)
-            for datagram in self.station.datagrams(now_s):
-                self._link.send(datagram)
-            for line in self.station.lines():
-                _show(line)
-            self._floods.update(now_s)
+        operator.hear_radio(now_s)
+        operator.send_due(now_s, self._floods, _show)
         return now_s
-
-
-def _drain(link: Link, receive: Callable[[bytes, float], None], now_s: float) -> None:
-    until_s = time.monotonic() + READS_S
-    for _ in range(READS_MAX):
-        data = link.recv()
-        if data is None:
-            return
-        receive(data, now_s)
-        if time.monotonic() >= until_s:
-            return
-
-
-def _open(url: object, opened: ExitStack) -> Link:
-    link = open_link(url, hears_all=True)  # type: ignore[arg-type]
-    opened.callback(link.close)
-    return link
 
 
 def _show(line: str) -> None:

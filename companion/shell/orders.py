@@ -9,7 +9,7 @@ from pathlib import Path
 from companion.keys.keyring import Keyring
 from companion.mavlink.orders.book import OrderBook
 from companion.shell.order_marks import FileMarks
-from companion.shell.records import STATE
+from companion.shell.service import STATE
 
 
 def orders_of(

@@ -12,10 +12,9 @@ from companion.records.node import mission_hash, open_records
 from companion.records.store import RecordStore
 from companion.records.write_queue import DirectWriter, RecordWriter
 from companion.shell.record_writer import ThreadedWriter
+from companion.shell.service import STATE
 from companion.shell.stand_fusion import FusionChild, FusionProcess
 from mission.document.model import Mission
-
-STATE = "STATE_DIRECTORY"  # systemd's, of a service
 
 
 def records_of(

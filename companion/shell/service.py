@@ -10,6 +10,7 @@ import math
 import socket
 from collections.abc import Callable, Mapping
 
+STATE = "STATE_DIRECTORY"  # systemd's name of the folder where a service keeps what outlives it
 STATUS_S = 1.0  # without a watchdog
 WORDS_PER_WATCHDOG = 4  # twice as often as systemd asks for: one word may be lost
 

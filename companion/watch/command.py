@@ -7,24 +7,32 @@ import contextlib
 import sys
 import threading
 import time
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from companion.keys.key_file import KeyFileError, load_keyring
 from companion.keys.keyring import OPERATOR
 from companion.keys.process import harden_process
 from companion.mavlink.peers.session import BASE_ID, open_session
+from companion.order.radio import open_operator
 from companion.shell.links import LinkError
+from companion.shell.urls import HEARING_SCHEMES, parse_url
 from companion.watch.alarms import alarms
-from companion.watch.chart import Chart, ChartError
-from companion.watch.charts import open_chart
 from companion.watch.heard import Heard
 from companion.watch.listening_guard import ListeningGuard
+from companion.watch.orders.desk import OrderDesk
+from companion.watch.orders.order_key import OrderKey
+from companion.watch.orders.radio import OrderClerk, OrderingReceiver
+from companion.watch.orders.server import OrderServer
 from companion.watch.server import Stream, WatchServer
 from companion.watch.udp_receiver import UdpReceiver
 from mission import __version__
+from mission.basemap.chart import Chart, ChartError
+from mission.basemap.charts import open_chart
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
 from mission.common.frames import LocalFrame, enu_to_ned
 from mission.common.network import own_addresses
@@ -38,6 +46,16 @@ UNUSED_BOOT: Final = 1  # nothing is sent
 PICTURES_S: Final = 0.25  # four a second: ages in tenths need no more
 
 
+class Receiver(Protocol):
+    """The radio, as it is heard."""
+
+    def receive_datagrams(self, wait_s: float) -> Iterator[bytes]:
+        """Yield what comes, and wait so long at most for the first."""
+
+
+Told = Callable[[float], dict[str, Any]]  # of the page, besides what is heard: by the time
+
+
 def watch(arguments: argparse.Namespace) -> int:
     """Until SIGINT or SIGTERM; the exit code."""
     with ExitStack() as opened:
@@ -47,10 +65,8 @@ def watch(arguments: argparse.Namespace) -> int:
             chart = _chart(arguments.map, arguments.utm)
             if chart is not None:
                 opened.callback(chart.close)
-            udp_receiver = UdpReceiver(arguments.peers)
-            opened.callback(udp_receiver.close)
             stream = Stream()
-            server = _server(arguments.listen, stream, chart)
+            receiver, told, server = _open(arguments, mission, stream, chart, opened)
         except MissionError as error:
             return _refused(EXIT_BAD_FILE, error)
         except KeyFileError as error:
@@ -66,9 +82,40 @@ def watch(arguments: argparse.Namespace) -> int:
         opened.callback(server.shutdown)
         opened.callback(stream.close)
         with contextlib.suppress(OSError):
-            print("\n".join([f"watching {arguments.peers}", *own_addresses.lines("open", server.urls)]), flush=True)
-        _listen(Heard(guard), udp_receiver, stream, stop, about(mission, chart), mission)
+            print("\n".join([f"watching {arguments.peers}", *_addresses(server)]), flush=True)
+        still = {"about": about(mission, chart)}
+        _listen(Heard(guard), receiver, stream, stop, lambda now_s: {**still, **told(now_s)}, mission)
     return EXIT_DONE
+
+
+def _open(
+    arguments: argparse.Namespace, mission: Mission | None, stream: Stream, chart: Chart | None, opened: ExitStack
+) -> tuple[Receiver, Told, WatchServer]:
+    """The radio, and the page's server. ValueError, KeyFileError, OSError, LinkError."""
+    address = arguments.listen
+    if not arguments.orders:
+        udp_receiver = UdpReceiver(parse_url(str(arguments.peers), HEARING_SCHEMES))
+        opened.callback(udp_receiver.close)
+        return udp_receiver, lambda _now_s: {"orders": None}, _bound(WatchServer, address, stream, chart)
+    if arguments.key is None or mission is None:
+        raise ValueError("--orders: needs --key FILE, the operator's, and --mission FILE, the swarm's own")
+    size = mission.swarm.size
+    operator = open_operator(arguments.key, arguments.mission, size, arguments.peers, opened)
+    desk = OrderDesk(OrderKey(), size, time.monotonic)
+    receiver = OrderingReceiver(operator, OrderClerk(operator.station, size, _to_stdout), desk, _to_stderr)
+    server = _bound(partial(OrderServer, desk=desk), address, stream, chart)
+    return receiver, lambda now_s: {"orders": receiver.picture(now_s)}, server
+
+
+def _addresses(server: WatchServer) -> list[str]:
+    """Lines for the terminal."""
+    if not isinstance(server, OrderServer):
+        return own_addresses.lines("open", server.urls)
+    return [
+        "orders are taken: whoever has a whole address of the first kind can start, hold, land and abort",
+        *own_addresses.lines("order at", server.urls),
+        *own_addresses.lines("only watch at", server.watch_urls),
+    ]
 
 
 def about(mission: Mission | None, chart: Chart | None) -> dict[str, Any]:
@@ -107,16 +154,14 @@ def view(heard: Heard, mission: Mission | None, now_s: float) -> dict[str, Any]:
     return {**asdict(picture), **told}
 
 
-def _listen(
-    heard: Heard, udp_receiver: UdpReceiver, stream: Stream, stop: Stop, still: dict[str, Any], mission: Mission | None
-) -> None:
+def _listen(heard: Heard, receiver: Receiver, stream: Stream, stop: Stop, told: Told, mission: Mission | None) -> None:
     due_s = time.monotonic()
     while not stop.asked:
         now_s = time.monotonic()
         if now_s >= due_s:
-            stream.show({"about": still, **view(heard, mission, now_s)})
+            stream.show({**told(now_s), **view(heard, mission, now_s)})
             due_s = now_s + PICTURES_S
-        for data in udp_receiver.receive_datagrams(max(0.001, due_s - now_s)):
+        for data in receiver.receive_datagrams(max(0.001, due_s - now_s)):
             read_s = time.monotonic()
             heard.receive_datagram(data, read_s)
             if read_s >= due_s:  # a flood keeps no picture waiting
@@ -151,11 +196,18 @@ def _chart(path: str | None, utm: str | None) -> Chart | None:
     return open_chart(Path(path), zone)
 
 
-def _server(address: tuple[str, int], stream: Stream, chart: Chart | None) -> WatchServer:
+def _bound(
+    server: Callable[..., WatchServer], address: tuple[str, int], stream: Stream, chart: Chart | None
+) -> WatchServer:
     try:
-        return WatchServer(address, stream, chart, say=_to_stderr)
+        return server(address, stream, chart, say=_to_stderr)
     except OSError as error:
         raise OSError(f"--listen {address[0]}:{address[1]}: {error.strerror}") from None
+
+
+def _to_stdout(line: str) -> None:
+    with contextlib.suppress(OSError):
+        print(line, flush=True)
 
 
 def _to_stderr(line: str) -> None:

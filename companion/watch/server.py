@@ -1,4 +1,5 @@
-"""HTTP for the tablet: a page, its map, and a stream of pictures. It answers GET, and takes nothing from anybody.
+"""HTTP for the tablet: a page, its map, and a stream of pictures. It answers GET, and takes nothing from anybody;
+`companion.watch.orders.server` adds the one thing that is taken, where that is asked for.
 
 The stream is of server-sent events (HTML Living Standard, 9.2): one way, as watching is.
 """
@@ -23,13 +24,14 @@ from pathlib import Path
 from typing import Any, ClassVar, Final
 from urllib.parse import parse_qs, urlsplit
 
-from companion.watch.chart import ZOOM_MAX, Chart
+from mission.basemap.chart import ZOOM_MAX, Chart
 from mission.common.network.connections import (
     SEND_BUFFER_BYTES,
     Connections,
     Notices,
     Patience,
     TooSlowError,
+    read_body,
     read_head,
     send_within,
 )
@@ -101,8 +103,9 @@ class WatchServer(http.server.ThreadingHTTPServer):
         patience: Patience = Patience(),  # noqa: B008  frozen
         clock: Callable[[], float] = time.monotonic,
         say: Callable[[str], None] = lambda _: None,
+        handler: type[Handler] | None = None,
     ) -> None:
-        """`say`: takes a line about a client that is dropped."""
+        """`say`: takes a line about a client that is dropped. `handler`: of one that answers more than GET."""
         self.stream, self.chart = stream, chart
         self.patience, self.clock = patience, clock
         self.token = "" if ipaddress.ip_address(address[0]).is_loopback else secrets.token_urlsafe(16)
@@ -110,7 +113,7 @@ class WatchServer(http.server.ThreadingHTTPServer):
         self._notices = Notices(say)
         self._connections = Connections[socket.socket]()
         self._lock = threading.Lock()  # of the two above
-        super().__init__(address, _Handler)
+        super().__init__(address, handler or Handler)
         self.cookie = COOKIE.format(port=self.server_address[1])
 
     @property
@@ -179,7 +182,9 @@ class _Writer(io.BufferedIOBase):
         return len(data)
 
 
-class _Handler(http.server.BaseHTTPRequestHandler):
+class Handler(http.server.BaseHTTPRequestHandler):
+    """One connection: one request, and its answer."""
+
     server: WatchServer
     server_version: ClassVar[str] = "understory"  # type: ignore[misc]
     sys_version: ClassVar[str] = ""  # type: ignore[misc]
@@ -193,17 +198,11 @@ class _Handler(http.server.BaseHTTPRequestHandler):
 
     def handle(self) -> None:
         """One request, whole and in time, and its answer."""
-
-        def read_some(wait_s: float) -> bytes:
-            self.connection.settimeout(wait_s)
-            data: bytes = self.connection.recv(4096)
-            return data
-
         server = self.server
         try:
-            head = read_head(read_some, server.clock, server.clock() + server.patience.head_s)
+            self._until_s = server.clock() + server.patience.head_s
+            head, self._behind_head = read_head(self._read_some, server.clock, self._until_s)
             if head:
-                server.mark_asked(self.request)
                 self.rfile = io.BytesIO(head)
                 self.handle_one_request()
         except TooSlowError as error:
@@ -211,20 +210,27 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         except OSError:  # it has gone
             pass
 
+    def _read_some(self, wait_s: float) -> bytes:
+        self.connection.settimeout(wait_s)
+        data: bytes = self.connection.recv(4096)
+        return data
+
+    def read_body(self, length: int) -> bytes:
+        """Of this request, by the deadline of its head. TooSlowError, OSError."""
+        return read_body(self._read_some, self._behind_head, length, self.server.clock, self._until_s)
+
     def do_GET(self) -> None:
-        """The only thing that is answered."""
+        """The page, and what it shows."""
+        self.server.mark_asked(self.request)
         asked = urlsplit(self.path)
-        if not self._host_is_ours():
-            return self._refuse(HTTPStatus.FORBIDDEN, "This server answers to its address only.")
-        if self.server.token:
-            given = parse_qs(asked.query).get("token", [""])[0]
-            if given and asked.path == "/" and self._is_token(given):
-                return self._let_in(given)
-            if not self._is_token(self._cookie()):
-                return self._refuse(HTTPStatus.FORBIDDEN, "Open the address that `companion watch` prints, whole.")
+        given = parse_qs(asked.query).get("token", [""])[0]
+        if self.server.token and asked.path == "/" and self._host_is_ours() and self._is_token(given):
+            return self._let_in(given)
+        if not self.is_let_in():
+            return None
         if asked.path in FILES:
             name, mime = FILES[asked.path]
-            return self._answer((BUNDLE / name).read_bytes(), mime)
+            return self.answer((BUNDLE / name).read_bytes(), mime)
         if asked.path == "/heard":
             return self._stream()
         return self._map(asked.path)
@@ -239,12 +245,12 @@ class _Handler(http.server.BaseHTTPRequestHandler):
             if zoom <= ZOOM_MAX and x < 1 << zoom and y < 1 << zoom:
                 data = chart.tile(zoom, x, y)
         if chart is None or data is None:
-            return self._refuse(HTTPStatus.NOT_FOUND, "There is nothing here.")
-        return self._answer(data, chart.about.mime, kept_s=3600)
+            return self.refuse(HTTPStatus.NOT_FOUND, "There is nothing here.")
+        return self.answer(data, chart.about.mime, kept_s=3600)
 
     def _stream(self) -> None:
         if not self.server.streams.acquire(blocking=False):
-            return self._refuse(HTTPStatus.SERVICE_UNAVAILABLE, "Too many are looking.")
+            return self.refuse(HTTPStatus.SERVICE_UNAVAILABLE, "Too many are looking.")
         try:
             self.send_response(HTTPStatus.OK)
             self.send_header("Content-Type", "text/event-stream")
@@ -260,6 +266,16 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         finally:
             self.server.streams.release()
             self.close_connection = True
+
+    def is_let_in(self) -> bool:
+        """It knows the token, where there is one; else it is told, and all is answered."""
+        if not self._host_is_ours():
+            self.refuse(HTTPStatus.FORBIDDEN, "This server answers to its address only.")
+        elif self.server.token and not self._is_token(self._cookie()):
+            self.refuse(HTTPStatus.FORBIDDEN, "Open the address that `companion watch` prints, whole.")
+        else:
+            return True
+        return False
 
     def _host_is_ours(self) -> bool:
         """An address, or localhost: a page elsewhere cannot have its own name lead here."""
@@ -294,10 +310,12 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         self._send_safety("no-store")
         self.end_headers()
 
-    def _refuse(self, status: HTTPStatus, why: str) -> None:
-        self._answer(f"{why}\n".encode(), "text/plain; charset=utf-8", status=status)
+    def refuse(self, status: HTTPStatus, why: str) -> None:
+        """In a line."""
+        self.answer(f"{why}\n".encode(), "text/plain; charset=utf-8", status=status)
 
-    def _answer(self, data: bytes, mime: str, *, status: HTTPStatus = HTTPStatus.OK, kept_s: int = 0) -> None:
+    def answer(self, data: bytes, mime: str, *, status: HTTPStatus = HTTPStatus.OK, kept_s: int = 0) -> None:
+        """All of an answer."""
         self.send_response(status)
         self.send_header("Content-Type", mime)
         self.send_header("Content-Length", str(len(data)))

@@ -38,6 +38,7 @@ from sim_bridge.judge.observer import Observer
 from sim_bridge.judge.outcome import Outcome, conclude
 from sim_bridge.judge.progress import Progress, Status
 from sim_bridge.judge.recording import Recorder, Trace
+from sim_bridge.judge.run_folder import BEACONS_LOST
 from sim_bridge.judge.tick import Tick
 from sim_bridge.world.airframe.base import AirframeFactory
 from sim_bridge.world.airframe.jsbsim_quad import jsbsim_airframes
@@ -46,6 +47,7 @@ from sim_bridge.world.sensors.table import link_name
 from sim_bridge.world.strikes import strike
 from sim_bridge.world.world import World
 
+INTERRUPTED = "interrupted"  # why a flight ended
 MISSION_NAME, ORIGINAL_NAME = "mission.toml", "mission.original.toml"
 BEACONS_REMEMBERED = 1024  # four from each of 256 vehicles: more than are under way at a time
 LINKS = {Link.ONBOARD: StreamProfile.MINIMAL, Link.GROUND: StreamProfile.MINIMAL}
@@ -312,9 +314,10 @@ def fly(
         try:
             ended = _run(flight, progress, factor, watch, live)
         except KeyboardInterrupt:
-            ended = "interrupted"
+            ended = INTERRUPTED
         flown_s = time.perf_counter() - began_flying_s
-        records = flight.tell_records()
+        lost = [world.radio.missed_share(k) for k in world.vehicles]
+        records = {**flight.tell_records(), BEACONS_LOST: [None if one is None else round(one, 4) for one in lost]}
         stems = None if harvest is None else measure_stems(harvest.own_records(), mission, stand)
     if forks is not None and forks.failure is not None:
         flight.observer.tell_once(flight.world.now_s, loss(0, forks.failure))
@@ -372,6 +375,8 @@ def _run(
     live: Live | None,
 ) -> str:
     """Tick until the end; why it ended."""
+    if live is not None:
+        live.await_look(flight, lambda: flight.show_events(progress))
     began_s = time.perf_counter()
     while True:
         flight.show_events(progress)

@@ -7,7 +7,6 @@ import contextlib
 import os
 import shutil
 import sys
-import webbrowser
 from pathlib import Path
 
 from mission.cli.main import EXIT_BAD_FILE
@@ -24,10 +23,11 @@ from sim_bridge.drive.entrant.stages import Entrant
 from sim_bridge.drive.external.options import ExternalAutopilots
 from sim_bridge.drive.external.program import fly_external
 from sim_bridge.drive.faults import with_options
-from sim_bridge.drive.fly import ORIGINAL_NAME, fly
+from sim_bridge.drive.fly import INTERRUPTED, ORIGINAL_NAME, fly
 from sim_bridge.drive.interrupts import interrupt_once
 from sim_bridge.drive.links.ports import PORT_MAX
 from sim_bridge.drive.links.router import parse_url
+from sim_bridge.drive.live.audience import LOOK_S, is_attended, stay
 from sim_bridge.drive.live.live import CONTROLS, Live
 from sim_bridge.drive.live.map import Map
 from sim_bridge.drive.live.pace import Pace
@@ -37,9 +37,11 @@ from sim_bridge.errors import StartError
 from sim_bridge.judge import page
 from sim_bridge.judge.outcome import Outcome, describe_end, present, write_page
 from sim_bridge.judge.progress import Progress
+from sim_bridge.world.airframe.point_mass import point_mass_airframes
 from sim_bridge.world.world import DEFAULT_ORIGIN
 
 PROCESSES, IN_PROCESS = "processes", "in-process"
+POINT_MASS = "point-mass"
 
 
 def run(args: argparse.Namespace) -> int:
@@ -53,6 +55,8 @@ def run(args: argparse.Namespace) -> int:
     mission, original = _mission(args, external)
     check_options(args, mission)
     interrupt_once()
+    if args.stay is None:
+        args.stay = is_attended()
     folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
     (folder / ORIGINAL_NAME).write_bytes(original)  # the file may change, or go, while it is flown
     if mission.forest.file is not None:
@@ -73,15 +77,19 @@ def run(args: argparse.Namespace) -> int:
             except StartError:
                 _leave_nothing(folder, mission.forest.file)
                 raise
-            unwritten = write_page(outcome, folder, title, progress)
             if mission.survey is not None:
                 from sim_bridge.drive.stand_files import write_stand  # numpy's and scipy's parts that only it needs
 
                 for line in write_stand(mission, folder):
                     progress.event(outcome.metrics.sim_time_s, line)
+            unwritten = write_page(outcome, folder, title, progress)  # which links what there is by now
         code = present(outcome, folder, unwritten, as_json=args.json, verbose=args.verbose)
         if map_ is not None:
             map_.send_changes(over=describe_end(outcome, folder))
+            if args.stay and outcome.ended != INTERRUPTED:
+                sys.stdout.flush()
+                with Progress(sys.stderr) as progress:
+                    stay(map_, progress, outcome.metrics.sim_time_s)
     if args.open and args.map is None and (folder / page.PAGE_NAME).exists():
         page.show(folder / page.PAGE_NAME)
     return code
@@ -121,8 +129,10 @@ def _announce(
     if map_ is not None:
         for line in own_addresses.lines("live map:", map_.urls):
             progress.event(0.0, line)
-        if args.open:
-            webbrowser.open(map_.urls[0])
+        if args.open and not page.show(map_.urls[0]):
+            progress.event(0.0, "no display here: open the address in a browser that reaches this computer")
+    if args.airframe == POINT_MASS:
+        progress.event(0.0, "point masses: no flight dynamics, still air")
     for note in find_short_batteries(mission) if args.autopilots is None else ():
         progress.event(0.0, note)
     if mission.flies_blind:
@@ -142,7 +152,8 @@ def _fly(
 ) -> Outcome:
     """Over the simulator's own autopilots."""
     mission = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
-    live = None if map_ is None else Live(map_, Pace(args.speed), title)
+    look_s = LOOK_S if args.stay else 0.0
+    live = None if map_ is None else Live(map_, Pace(args.speed), title, look_s)
     with contextlib.ExitStack() as stack:
         return fly(
             mission,
@@ -150,6 +161,7 @@ def _fly(
             progress,
             in_process=args.agents == IN_PROCESS,
             factor=args.speed,
+            airframes=point_mass_airframes(mission) if args.airframe == POINT_MASS else None,
             watch=open_topics(args, mission, stack),
             live=live,
             entrant=entrant,
@@ -177,6 +189,8 @@ def _external(args: argparse.Namespace) -> ExternalAutopilots | None:
         if args.launch is not None or args.first_port is not None:
             raise StartError("--launch and --first-port want --autopilots", EXIT_BAD_FILE)
         return None
+    if args.airframe is not None:
+        raise StartError("--airframe: is of simulated vehicles, not of --autopilots", EXIT_BAD_FILE)
     if args.speed is not None or args.agents == IN_PROCESS:
         raise StartError("--autopilots: flies in real time, with agents as processes", EXIT_BAD_FILE)
     if args.first_port is not None and not 1 <= args.first_port <= PORT_MAX:

@@ -31,6 +31,9 @@ from sim_bridge.judge.tick import TOUCHED
 MISSION_NAME = "mission.toml"  # as it was flown
 FILE_NAME = "recording.npz"
 METRICS_NAME = "metrics.json"
+STAND_FOLDER = "stand"  # of a flight that surveyed: what `companion stand` makes
+STAND_REPORT = f"{STAND_FOLDER}/report.html"
+BEACONS_LOST = "beacons_lost"  # its key for the share of beacons that each vehicle lost
 FLOWN_BY = "flown_by"  # its key for what flew in place of ours
 BYTES_MAX = 2**30  # unpacked: 50 vehicles for 80 minutes
 LARGEST = 1e7  # m, m/s, s: beyond, it is no flight of ours
@@ -185,6 +188,18 @@ def load_end(folder: Path) -> End | None:
         return End(printable(ended, ENDED_MAX_CHARS), sha256, *notes)
     except ValueError as error:
         raise RunFolderError(f"{path}: must be the figures of a flight: {error}") from None
+
+
+def load_beacons_lost(folder: Path, n: int) -> list[float | None]:
+    """Of each of n vehicles the share of beacons that it lost, from metrics.json; None where that does not say so."""
+    path = folder / METRICS_NAME
+    try:
+        shares = _json(path).get(BEACONS_LOST) if path.exists() else None
+    except (ValueError, AttributeError):  # `load_end` tells what is wrong there
+        shares = None
+    if not isinstance(shares, list) or len(shares) != n:
+        return [None] * n
+    return [share if type(share) in (int, float) and 0.0 <= share <= 1.0 else None for share in shares]
 
 
 def mission_sha256(text: bytes) -> str:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
-import matplotlib
+from sim_bridge.judge.page import BUNDLE
 
 INK = "#22272b"
 FAINT = "#8a9299"
 ALARM = "#b2182b"
-# Paul Tol's "muted" scheme: distinct with every common colour blindness, and dark enough on white (but the last)
-FEW = ("#332288", "#cc6677", "#117733", "#88ccee", "#aa4499", "#999933", "#44aa99", "#882255", "#ddcc77")
+# As pages draw vehicles on a light ground: sim_bridge/judge/page/web/palette.mjs makes and measures them
+PALETTE: tuple[str, ...] = tuple(json.loads((BUNDLE / "palette.json").read_text(encoding="utf-8"))["light"])
 RC: dict[Any, Any] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same on every machine
     "font.size": 9.5,
@@ -38,9 +39,6 @@ RC: dict[Any, Any] = {
 }
 
 
-def colours(n: int) -> tuple[Any, ...]:
-    """One for each of n vehicles: told apart at a glance if they are few, in order along a ramp if many."""
-    if n <= len(FEW):
-        return FEW[:n]
-    ramp = matplotlib.colormaps["viridis"]
-    return tuple(ramp(0.93 * k / (n - 1)) for k in range(n))  # its yellow end is lost on white
+def colours(n: int) -> tuple[str, ...]:
+    """One for each of n vehicles: told apart by whoever looks; of more than there are they come again."""
+    return tuple(PALETTE[k % len(PALETTE)] for k in range(n))

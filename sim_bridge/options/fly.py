@@ -39,6 +39,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="as fast as it goes (max, the default), or so many times real time",
     )
     parser.add_argument(
+        "--airframe",
+        choices=("jsbsim", "point-mass"),
+        help="jsbsim (the default): quadrotors with flight dynamics. point-mass: bodies that follow their commanded "
+        "velocity with a lag of 0.3 s, in still air: quicker, for a first look",
+    )
+    parser.add_argument(
         "--agents",
         choices=("processes", "in-process"),
         help="each companion a program of its own (default, without --law), or all in this one; the flight is the same "
@@ -88,7 +94,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="metrics.json's content on standard output")
     add_map(parser, "; the flight slows down to 5 times real time while somebody looks")
     parser.add_argument(
-        "--open", action="store_true", help="show the map in the browser, or without one the replay when it is over"
+        "--open",
+        action="store_true",
+        help="show the map in the browser, or without one the replay when it is over; nothing without a display",
+    )
+    parser.add_argument(
+        "--stay",
+        action=argparse.BooleanOptionalAction,
+        help="with --map: wait some seconds for the first look, and keep the map, with the replay in it, until Ctrl-C "
+        "when the flight is over (default: on a terminal)",
     )
 
 

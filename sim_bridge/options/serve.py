@@ -89,6 +89,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--radio-port", type=port, default=0, metavar="P", help="for the companions' beacons (a free one)"
     )
     parser.add_argument(
+        "--keys",
+        type=Path,
+        metavar="FLEET",
+        help="folder of `companion key new`: the commands that are printed sign by it, and orders are the operator's",
+    )
+    parser.add_argument(
         "--out",
         type=Path,
         metavar="FILE",

@@ -54,6 +54,8 @@ class Radio:
         self._positions: dict[int, Vec3] = {}  # by rising id
         self._under_way: dict[int, list[tuple[float, int, bytes]]] = {}
         self._count = 0
+        self._arrived = [0] * MAX_RECEIVERS  # frames that a radio got, and that it was within range of and missed,
+        self._missed = [0] * MAX_RECEIVERS  # of those that are not sent aside
         self._share = share
         self._shares: dict[tuple[int, int], float] = {}  # by pair of ids, the lower first: where they are now
 
@@ -64,6 +66,14 @@ class Radio:
     def set_range(self, vehicle_id: int, range_m: float) -> None:
         """Set this vehicle's radio to `range_m`."""
         self._ranges_m[vehicle_id] = range_m
+
+    def missed_share(self, receiver: int) -> float | None:
+        """Share of what was sent within range of `receiver`, and not aside, that it missed; None: nothing was sent.
+
+        Lost at random, to a cut, or behind what stands between; a channel that is full loses at the sender.
+        """
+        sent = self._arrived[receiver] + self._missed[receiver]
+        return self._missed[receiver] / sent if sent else None
 
     @property
     def positions(self) -> Mapping[int, Vec3]:
@@ -86,7 +96,8 @@ class Radio:
             now_s = self._free_s = begin_s + (len(frame) + OVERHEAD_BYTES) * 8.0 / self._bits_per_s
         # One draw per possible receiver, so that one radio's place does not change what another loses.
         losses = rng.random(MAX_RECEIVERS).tolist() if self._loss > 0.0 else None
-        delays_s = (rng.random(MAX_RECEIVERS) * (2.0 * self._delay_s)).tolist() if self._delay_s > 0.0 else None
+        longest_s = 2.0 * self._delay_s
+        delays_s = [draw * longest_s for draw in rng.random(MAX_RECEIVERS).tolist()] if self._delay_s > 0.0 else None
         own_range_m = self._ranges_m[sender]
         for receiver, there in self._positions.items():  # written out: for each frame, every radio there is
             range_m = self._ranges_m[receiver]
@@ -96,12 +107,14 @@ class Radio:
             distance_m = math.sqrt(x * x + y * y + z * z)
             if not distance_m <= range_m or receiver == sender:
                 continue
-            if losses is not None and losses[receiver] < self._loss:
+            if (
+                (losses is not None and losses[receiver] < self._loss)
+                or (self.cut_off and any((sender in group) is not (receiver in group) for group in self.cut_off))
+                or (self._share is not None and self._hidden(sender, receiver, distance_m))
+            ):
+                self._missed[receiver] += not aside
                 continue
-            if self.cut_off and any((sender in group) is not (receiver in group) for group in self.cut_off):
-                continue
-            if self._share is not None and self._hidden(sender, receiver, distance_m):
-                continue
+            self._arrived[receiver] += not aside
             self._put(receiver, now_s if delays_s is None else now_s + delays_s[receiver], frame)
 
     def _put(self, receiver: int, due_s: float, frame: bytes) -> None:

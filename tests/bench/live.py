@@ -29,6 +29,7 @@ from mission.document.model import Mission
 from sim_bridge.drive import fly
 from sim_bridge.drive.children import Child, ForkClient, end
 from sim_bridge.drive.links.ports import Address, Reader
+from sim_bridge.drive.lockstep.fleet_keys import FleetKeys, key_files
 from sim_bridge.drive.lockstep.lockstep import CompanionLostError
 from sim_bridge.drive.lockstep.processes import CompanionProcess, Launcher, RadioSocket, start_companion
 from sim_bridge.drive.operator import operator_order
@@ -248,20 +249,23 @@ class Answered:
     late_ticks: int  # of the bridge: more than 75 ms after the one before
 
 
-def answers_of(n: int, folder: Path) -> Answered:
+def answers_of(n: int, folder: Path, *, signed: bool = False) -> Answered:
     """One window of `n` companions, all with setpoints, as `sim-bridge fly --speed 1` drives them."""
     mission = flight_of(n)
     file = folder / "mission.toml"
     file.write_text(dump_mission(mission))
+    keys = FleetKeys(mission) if signed else None
     with ExitStack() as stack:
         began_s = time.perf_counter()
         forks = stack.enter_context(ForkClient())
         world = World(mission, jsbsim_airframes(mission), links=fly.LINKS)
         radio = RadioSocket()
         stack.callback(radio.close)
-        companions = [_Timed(c) for c in Launcher(file, folder, radio, forks).launch(list(world.vehicles), _refuse)]
+        launcher = Launcher(file, folder, radio, forks, key_file=key_files(keys, folder / "keys"))
+        companions = [_Timed(c) for c in launcher.launch(list(world.vehicles), _refuse)]
         start_s = time.perf_counter() - began_s
-        flight = fly.Flight(mission, list(companions), world, folder)
+        keyholder = None if keys is None else keys.operator(world)
+        flight = fly.Flight(mission, list(companions), world, folder, keyholder=keyholder)
         stack.callback(flight.close)
         gc.collect()
         gc.freeze()

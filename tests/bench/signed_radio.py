@@ -10,8 +10,10 @@ import argparse
 import gc
 import random
 import statistics
+import tempfile
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink.endpoint import Endpoint
@@ -25,7 +27,7 @@ from sim_bridge.drive.lockstep.fleet_keys import FleetKeys
 from sim_bridge.drive.lockstep.lockstep import InProcess
 from sim_bridge.world.world import DEFAULT_ORIGIN, World
 from tests.bench.flights import EXAMPLES
-from tests.bench.live import point_masses
+from tests.bench.live import answers_of, point_masses
 from tests.unit.mavlink.signing_kit import MISSION, PERIOD_S, Node, beacon_frame, exchange, keyring, met
 
 BEFORE_TICKS, TICKS = 900, 300  # as tests.bench.tick: on the ground, assembling, departing
@@ -168,16 +170,35 @@ def _replayed_us(
     return spent_ns / TICKS / 1e3
 
 
+def live_cost(size: int, rounds: int) -> None:
+    """A row: a companion that is a process, in lockstep at real time, with keys and without by turns."""
+    spent: dict[bool, list[float]] = {False: [], True: []}
+    for _ in range(rounds):
+        for signed, shares in spent.items():
+            with tempfile.TemporaryDirectory() as folder:
+                shares.append(100.0 * answers_of(size, Path(folder), signed=signed).agent_share)
+    ratios = sorted(b / a for a, b in zip(spent[False], spent[True], strict=True))
+    plain, signed = (statistics.median(spent[key]) for key in (False, True))
+    spread = f"{statistics.median(ratios):.2f} ({ratios[0]:.2f} to {ratios[-1]:.2f})"
+    print(f"| {size} | {plain:.2f} % | {signed:.2f} % | {spread} |", flush=True)
+
+
 def main(argv: Sequence[str]) -> int:
     """Exit code 1 when a frame was taken."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench signed-radio", description=__doc__)
     parser.add_argument("--frames", type=int, default=1_000_000, metavar="N", help="of each kind (default: 10^6)")
     parser.add_argument("--sizes", type=int, nargs="*", default=[4, 12, 24], metavar="N", help="vehicles")
     parser.add_argument("--seed", type=int, default=9000, metavar="S")
+    parser.add_argument("--live", type=int, nargs="*", default=[4, 12], metavar="N", help="vehicles that are processes")
+    parser.add_argument("--rounds", type=int, default=5, metavar="K", help="of those, each of 20 s twice (default: 5)")
     args = parser.parse_args(argv)
     taken = attack(args.frames, args.seed) if args.frames else 0
     print("\n| vehicles | a tick, unsigned | signed | ratio | bytes a second, unsigned | signed |")
     print("|---|---|---|---|---|---|")
     for at, size in enumerate(args.sizes):
         cost(size, args.seed + at)
+    if args.live:
+        print("\n| vehicles | a live companion's share of a core, unsigned | signed | ratio |\n|---|---|---|---|")
+    for size in args.live:
+        live_cost(size, args.rounds)
     return 1 if taken else 0

@@ -34,7 +34,7 @@ from sim_bridge.drive import fly
 from sim_bridge.judge.progress import Progress
 from sim_bridge.world.world import DEFAULT_ORIGIN
 from tests.board.userland import Booted, Userland, emulation, fresh, tools
-from tests.interop.interop_kit import Station, child, listening, mavlink, serving
+from tests.interop.interop_kit import Station, child, listening, serving
 
 ROOT = Path(__file__).parents[2]
 CACHE = ROOT / "build" / "board"
@@ -172,7 +172,8 @@ def as_service(userland: Userland, first: Path, second: Path, work: Path, report
     report.row("`systemd-analyze verify`", "no word", verified.strip() or "no word", not verified.strip())
     newer = userland.unpack(second)
     with ExitStack() as stack:
-        served = stack.enter_context(serving(work, MISSION.format(length_m=60.0)))
+        fleet = userland.root / "root/other"  # the one that was installed last
+        served = stack.enter_context(serving(work, MISSION.format(length_m=60.0), "--keys", str(fleet)))
         (userland.root / "etc/understory/companion.env").write_text(
             f"UNDERSTORY_ID={BOARDS}\n"
             f"UNDERSTORY_AUTOPILOT={served.vehicle(BOARDS)['mavsdk']}\n"
@@ -191,7 +192,7 @@ def as_service(userland: Userland, first: Path, second: Path, work: Path, report
             command = [sys.executable, "-m", f"{Path(program).name}.cli", *options]
             stack.enter_context(child(command, work, f"companion-{vehicle_id}", stdin=subprocess.DEVNULL))
         station = stack.enter_context(listening(served))
-        in_flight(board, station, newer, report)
+        in_flight(board, station, served.notice["orders"]["start"], newer, report)
         hardening(board, report)
 
 
@@ -233,16 +234,19 @@ class Tracker:
         return float("inf")
 
 
-def in_flight(board: Booted, station: Station, newer: str, report: Report) -> None:
-    """Take off, be killed, be hung, arrive."""
+def in_flight(board: Booted, station: Station, start: list[str], newer: str, report: Report) -> None:
+    """Take off, be killed, be hung, arrive. `start`: the command that gives the operator's order."""
     ready: set[int] = set()
     for message in station.messages(FLY_LIMIT_S):
         if message.get_type() == "STATUSTEXT" and message.get_srcComponent() == 191 and message.text == "ready":
             ready.add(message.get_srcSystem())
         if len(ready) >= 2:  # the board's has said so before
             break
-    for vehicle_id in (1, 2, 3):
-        station.command(vehicle_id, 191, mavlink.MAV_CMD_MISSION_START)
+    program, *options = start
+    order = [sys.executable, "-m", Path(program).name, *options, "--yes"]
+    ordered = subprocess.run(order, capture_output=True, text=True, check=False)
+    said = (ordered.stdout.strip().splitlines() or [ordered.stderr.strip()])[-1]
+    report.row("the operator's START, signed", "all act on it", said, ordered.returncode == 0)
     track = Tracker(station)
     cruise = track.until(lambda speed_mps: speed_mps > CRUISING_MPS, FLY_LIMIT_S)
     report.row("one of three flies from the board", "cruises", board.shown("StatusText"), cruise < float("inf"))

@@ -21,6 +21,7 @@ _.handle_error
 _.server_version  # http.server
 _.sys_version
 _.do_GET
+_.do_POST
 _.close_connection
 _.handle
 _.log_message
@@ -33,6 +34,7 @@ _._repr_html_  # notebooks
 _.nullable_schema  # pydantic: how JSON Schema is generated
 _.field_title_should_be_set
 cover  # a law's, of the example: called by its name
+Here  # the site: its page's worker calls it by its name, in the browser
 Rangefinder  # of the example packages: named by their entry points
 RangefinderModel
 MEADOW

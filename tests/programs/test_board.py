@@ -267,11 +267,32 @@ def test_the_archive_is_a_function_of_its_files(bundle: ModuleType) -> None:
     }
 
 
-def test_a_lock_with_conditions_is_refused(bundle: ModuleType, tmp_path: Path) -> None:
-    with pytest.raises(bundle.BundleError, match="python_version") as caught:
-        bundle.downloaded("a==1 ; python_version < '3.12' \\\n    --hash=sha256:0\n", tmp_path)
+def test_a_lock_with_a_bad_condition_is_refused(bundle: ModuleType, tmp_path: Path) -> None:
+    with pytest.raises(bundle.BundleError, match=r"(?s)a==1: .*snake_version") as caught:
+        bundle.downloaded("a==1 ; snake_version < '3.12' \\\n    --hash=sha256:0\n", tmp_path)
     assert caught.value.exit_code == 2
     assert list(tmp_path.iterdir()) == []
+
+
+def test_each_target_has_its_own_part_of_the_lock(bundle: ModuleType) -> None:
+    """Conditions are those of the target, not of the Python that makes the bundle."""
+    lock = (
+        "# made\na==1 ; python_full_version < '3.12' \\\n    --hash=sha256:0\n    # via b\n"
+        "a==2 ; python_full_version >= '3.12' \\\n    --hash=sha256:1\nb==3 \\\n    --hash=sha256:2\n"
+        "c==4 ; platform_machine == 'aarch64' \\\n    --hash=sha256:3\n"
+    )
+    old, new = (bundle.lock_of(lock, python, "x86_64") for python in ("3.11", "3.13"))
+    assert old == "# made\na==1  \\\n    --hash=sha256:0\n    # via b\nb==3 \\\n    --hash=sha256:2\n"
+    assert new == "# made\na==2  \\\n    --hash=sha256:1\nb==3 \\\n    --hash=sha256:2\n"
+    assert "c==4" in bundle.lock_of(lock, "3.12", "aarch64")
+
+
+def test_every_target_gets_one_of_each_package_of_the_lock(bundle: ModuleType) -> None:
+    lock = bundle.LOCK.read_text()
+    for python in bundle.PYTHONS:
+        names = re.findall(r"^([\w-]+)==", bundle.lock_of(lock, python, "aarch64"), re.MULTILINE)
+        assert len(names) == len(set(names))
+        assert set(names) == set(re.findall(r"^([\w-]+)==", lock, re.MULTILINE))
 
 
 def test_the_boards_lock_is_of_the_board_alone(bundle: ModuleType) -> None:

@@ -2,48 +2,25 @@
 
 from __future__ import annotations
 
-import hashlib
-import select
 import signal
-import socket
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from pymavlink import mavutil
 
-from companion.core.model.states import FlightState, Order
-from companion.keys.key_file import load_keyring
-from companion.mavlink.beacon import Reader, encode
-from companion.mavlink.framing.frames import whole
-from companion.mavlink.orders.book import OrderBook
-from companion.mavlink.orders.desk import SignedOrders
-from companion.mavlink.orders.order import ORDER_ID
-from companion.mavlink.peers.guard import SignedGuard
-from companion.mavlink.peers.peers_link import PeersLink
-from companion.mavlink.peers.session import open_session
-from mission.common.frames import LocalFrame, Wgs84
-from tests.programs.companion_kit import MISSION
-from tests.unit.core.core_kit import BEACON
-from tests.unit.mavlink.orders_kit import Disk
+from companion.core.model.states import Order
+from tests.programs.operated_kit import LIMIT_S, Vehicles, free_port, make_fleet
 
-LIMIT_S = 60.0
-HERE = Wgs84(47.0, 8.0, 400.0)
 mavlink = mavutil.mavlink
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A mission, and the keys of its fleet."""
-    made = tmp_path_factory.mktemp("operator")
-    (made / "m.toml").write_text(MISSION)
-    arguments = ["companion", "key", "new", str(made / "fleet"), "--vehicles", "2"]
-    subprocess.run([sys.executable, "-m", *arguments], check=True, capture_output=True, timeout=LIMIT_S)
-    return made
+    return make_fleet(tmp_path_factory.mktemp("operator"))
 
 
 def order(folder: Path, *words: str, key: str = "fleet/operator.key") -> list[str]:
@@ -51,72 +28,9 @@ def order(folder: Path, *words: str, key: str = "fleet/operator.key") -> list[st
     return [sys.executable, "-m", *arguments]
 
 
-class Vehicles:
-    """Two vehicles in a thread of their own: they send beacons to the operator's port, and obey."""
-
-    def __init__(self, folder: Path, port: int, *, deaf: int = 0, airborne: bool = True) -> None:
-        digest = hashlib.sha256((folder / "m.toml").read_bytes()).digest()
-        self._books: dict[int, OrderBook] = {}
-        self._links: dict[int, PeersLink] = {}
-        reader = Reader(LocalFrame(HERE))
-        for k in (1, 2):
-            keyring = load_keyring(folder / "fleet" / f"vehicle-{k}.key", k)
-            book = OrderBook(operator=keyring.operator, digest=digest, me=k, size=2, boot=k, marks=Disk())
-            guard = SignedGuard(open_session(keyring, k, digest, k))
-            self._books[k] = book
-            self._links[k] = PeersLink(k, reader, guard, None, SignedOrders(book), ranging=False)
-        self._deaf, self._airborne = deaf, airborne
-        self.obeyed: dict[int, list[Order]] = {1: [], 2: []}
-        self._port = port
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        self._stop.set()
-        self._thread.join()
-
-    def _run(self) -> None:
-        now_s = 100.0
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as radio:
-            radio.connect(("127.0.0.1", self._port))
-            while not self._stop.wait(0.05):  # as fast as the operator's clock, which all go by
-                now_s += 0.05
-                try:
-                    for k in self._books:
-                        radio.send(self._beacon(k, now_s))
-                    while select.select([radio], [], [], 0.0)[0]:
-                        data = radio.recv(2000)
-                        for k, link in self._links.items():
-                            if k != self._deaf or not whole(data) or whole(data)[0][2] != ORDER_ID:
-                                link.read_datagram(data, now_s)
-                except ConnectionRefusedError:  # the program is not there yet, or not any more
-                    continue
-
-    def _beacon(self, vehicle: int, now_s: float) -> bytes:
-        book, link, obeyed = self._books[vehicle], self._links[vehicle], self.obeyed[vehicle]
-        obeyed += [event.order for event in book.tick(now_s, airborne=self._airborne)]
-        states = {Order.HOLD: FlightState.HOLD} if self._airborne else {}
-        state = states.get(obeyed[-1] if obeyed else Order.START, FlightState.TRANSIT)
-        said = replace(
-            BEACON,
-            sender=vehicle,
-            time_ms=round(now_s * 1e3),
-            airborne=self._airborne,
-            state=state if self._airborne else FlightState.READY,
-            start=Order.START in obeyed,
-            abort=Order.ABORT in obeyed,
-        )
-        frames = link.send_beacon(said, encode(said, HERE), None, now_s)
-        return b"".join([*frames, *link.prove(now_s), *link.send_orders(now_s)])
-
-
 @pytest.fixture
 def port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
-        found.bind(("127.0.0.1", 0))
-        number: int = found.getsockname()[1]
-        return number
+    return free_port()
 
 
 @pytest.fixture

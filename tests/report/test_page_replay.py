@@ -19,7 +19,7 @@ from sim_bridge.judge.metrics.pairs import look_at_pairs
 from sim_bridge.judge.page.about import ABOUT
 from sim_bridge.judge.page.coding import read_column, read_steps, unpack
 from sim_bridge.judge.recording import Recording
-from sim_bridge.lab.report import judged
+from sim_bridge.lab.judged import judged
 from sim_bridge.trunk_attenuation import range_share
 
 POSITION_M = 0.005  # half a step
@@ -178,7 +178,12 @@ def test_report_writes_a_page_that_holds_the_replay_and_asks_for_nothing(
 def test_open_shows_the_page(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shown: list[str] = []
     monkeypatch.setattr(page.webbrowser, "open", shown.append)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"):
+        monkeypatch.delenv(name, raising=False)
     cli.main(["report", str(run), "--out", str(tmp_path / "page.html")])
     assert not shown
+    cli.main(["report", str(run), "--open", "--out", str(tmp_path / "page.html")])
+    assert not shown  # without a display, one for terminals would be opened
+    monkeypatch.setenv("DISPLAY", ":0")
     cli.main(["report", str(run), "--open", "--out", str(tmp_path / "page.html")])
     assert shown == [(tmp_path / "page.html").as_uri()]

@@ -24,7 +24,7 @@ from companion.mavlink.peers.frame_mac import (
 )
 from companion.mavlink.peers.manifest import MANIFEST_ID, Manifest
 from companion.mavlink.peers.session import Session
-from companion.mavlink.peers.stream import Stream, Word, word_of
+from companion.mavlink.peers.stream import Stream, Waiting, Word, word_of
 from companion.mavlink.schema.tables.signing import ECHOES_MAX, MACS_MAX
 
 MANIFEST_S: Final = 1.0
@@ -179,7 +179,7 @@ class SignedGuard:
     def take_proof(self, frame: bytes, now_s: float) -> bool:
         if not manifests.is_manifest(frame):
             return False
-        sender, session = frame[5], self._session
+        sender = frame[5]
         if not self.holds_mac(frame):
             self.refused["forged manifest"] += 1
             self._report_sender(sender, "has another key, or another mission file: ignored", now_s)
@@ -187,11 +187,13 @@ class SignedGuard:
         found = manifests.read_manifest(frame)
         if found is None:
             return False
-        if self._is_due(sender, found[0], now_s):
-            if session.verifiers[sender].holds(found[2], found[1]):
-                self._take_manifest(sender, found[0], now_s)
-            else:
-                self.refused["forged manifest"] += 1
+        if not self._is_due(sender, found[0], now_s):
+            return True
+        stream = self._streams.get(sender)
+        if stream is not None and stream.boot == found[0].boot and stream.is_known(found[0], now_s):
+            stream.waiting = Waiting(*found, now_s)
+        elif self._holds_signature(sender, *found, now_s):
+            self._take_manifest(sender, found[0], now_s)
         return True
 
     def holds_mac(self, frame: bytes) -> bool:
@@ -202,25 +204,33 @@ class SignedGuard:
         return {sender: stream.boot for sender, stream in self._streams.items()}
 
     def _is_due(self, sender: int, manifest: Manifest, now_s: float) -> bool:
-        """The signature is worth its time: of a member, newer than the last, and not one of a flood."""
+        """Of a member, and newer than the last."""
         if sender not in self._session.verifiers:
             self.refused["of no member"] += 1
             self._report_text(f"vehicle {sender} is not of this fleet, or revoked: ignored", now_s)
             return False
         stream = self._streams.get(sender)
-        is_met = stream is not None and manifest.boot == stream.boot
-        if stream is not None and is_met and manifest.last <= stream.vouched:
+        if stream is not None and manifest.boot == stream.boot and manifest.last <= stream.vouched:
             self.refused["repeated"] += 1
             return False
         if sender == self._session.me and manifest.boot == self._session.boot:
             self.refused["own"] += 1
             return False
+        return True
+
+    def _holds_signature(self, sender: int, manifest: Manifest, signed: bytes, signature: bytes, now_s: float) -> bool:
+        """Its sender's, as far as there is time for it: not in a flood."""
+        stream = self._streams.get(sender)
+        is_met = stream is not None and manifest.boot == stream.boot
         since_s, count = self._checks.get((sender, is_met), (-math.inf, 0))
         if now_s - since_s >= CHECKS_S:
             since_s, count = now_s, 0
         self._checks[sender, is_met] = (since_s, count + 1)
         if count >= CHECKS_MAX:
             self.refused["too many manifests"] += 1
+            return False
+        if not self._session.verifiers[sender].holds(signature, signed):
+            self.refused["forged manifest"] += 1
             return False
         return True
 
@@ -245,6 +255,9 @@ class SignedGuard:
                 return
             stream = self._streams[sender] = Stream(manifest.boot, manifest.last, now_s)
             del self._newcomers[sender]
+        self._vouch(stream, sender, manifest, now_s)
+
+    def _vouch(self, stream: Stream, sender: int, manifest: Manifest, now_s: float) -> None:
         if not stream.vouch(manifest, now_s):
             self.refused["disowned"] += 1
             self._report_text(f"somebody speaks as vehicle {sender}: it only slows", now_s, Severity.CRITICAL)
@@ -259,6 +272,11 @@ class SignedGuard:
         said, stream = decoded.said, self._streams.get(sender)
         if said is None or stream is None or stream.is_proven(said, now_s):
             return decoded
+        waiting, stream.waiting = stream.waiting, None
+        if waiting is not None and self._holds_signature(sender, *waiting[:3], now_s):
+            self._vouch(stream, sender, waiting.manifest, waiting.heard_s)
+            if stream.is_proven(said, now_s):
+                return decoded
         return Decoded(decoded.version, without_word(said), decoded.pos_ned_m)
 
     # --- out ---

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import Final, final
+from typing import Final, NamedTuple, final
 
 from companion.core.localisation.peer_reports import TAKEN_BACK
 from companion.core.model.beacon import Beacon
@@ -15,6 +15,7 @@ from companion.mavlink.peers.session import Session
 AHEAD_S: Final = 3.0  # a sender's clock may be ahead of what its frames showed before: those were late
 DRIFT: Final = 0.001  # of two clocks, ten times what crystals have
 PROVEN_S: Final = 5.0  # a manifest vouches for so long: at 50 % loss one of them comes in 97 %
+CHECKED_S: Final = 3.5  # a signature costs 0.1 ms: of manifests that tell nothing new it is checked so seldom
 DISPUTED_S: Final = 3.0  # after a frame that its sender does not vouch for
 HEARD_MAX: Final = 64  # frames that wait for their manifest
 
@@ -22,6 +23,15 @@ COUNTS_HZ: Final = 20.0  # of a lease, at most: the fastest that beacons are
 COUNTS_SLACK: Final = 20.0  # beyond the count that was vouched for: news of a leader comes by several ways
 
 Word = tuple[int, ...]  # a beacon's, of leader and phase; see `word_of`
+
+
+class Waiting(NamedTuple):
+    """A manifest whose signature has not been checked yet."""
+
+    manifest: Manifest
+    signed: bytes
+    signature: bytes
+    heard_s: float
 
 
 def word_of(said: Beacon) -> Word:
@@ -52,6 +62,7 @@ class Stream:
         "boot",
         "heard_s",
         "vouched",
+        "waiting",
     )
 
     def __init__(self, boot: int, mark: int, now_s: float) -> None:
@@ -59,6 +70,7 @@ class Stream:
         self.boot: Final = boot
         self.heard_s = now_s  # its last frame that was taken
         self.vouched = -1  # `last` of its newest manifest
+        self.waiting: Waiting | None = None  # the last manifest that told nothing new
         self._mark = mark
         # Its clock less the own, by the frame that came soonest: what waits in sockets while one stalls shows less.
         self._offset_s, self._offset_seen_s = mark / UNITS_PER_S - now_s, now_s
@@ -99,17 +111,27 @@ class Stream:
         if named:
             self._heard.append((self._mark, mac_of(frame), said))
 
+    def is_known(self, manifest: Manifest, now_s: float) -> bool:
+        """A manifest whose signature may wait: the last that held is not long ago, and this one would change nothing.
+
+        Nothing is taken of it. Whoever made it: a frame that the sender has not made stays here, and the sender's own
+        manifest contradicts it.
+        """
+        if now_s - self._proven_s > CHECKED_S or now_s < self._disputed_until_s:
+            return False
+        said = self._newest_said(manifest)
+        return self._names_all(manifest) and (said is None or word_of(said) == self._word)
+
     def vouch(self, manifest: Manifest, now_s: float) -> bool:
         """Its newest manifest. False: somebody else has made frames in its name."""
-        self.vouched = manifest.last
-        first, last = manifest.first, manifest.last
-        named = frozenset(manifest.macs)
-        clean = all(mac in named for at, mac, _ in self._heard if first <= at <= last)
+        self.vouched = last = manifest.last
+        self.waiting = None
+        clean = self._names_all(manifest)
         if clean:
             self._proven_s = now_s
-            vouched = [said for at, _, said in self._heard if first <= at <= last and said is not None]
-            if vouched:
-                self._word, self._count = word_of(vouched[-1]), _count_of(vouched[-1])
+            said = self._newest_said(manifest)
+            if said is not None:
+                self._word, self._count = word_of(said), _count_of(said)
         else:
             # What was taken may be the other's: go on from what the sender itself says that it has sent.
             self._mark = last
@@ -119,6 +141,18 @@ class Stream:
         while self._heard and (self._heard[0][0] <= last or not clean):
             self._heard.popleft()
         return clean
+
+    def _names_all(self, manifest: Manifest) -> bool:
+        """All that was taken of the time that the manifest speaks of."""
+        named = frozenset(manifest.macs)
+        return all(mac in named for at, mac, _ in self._heard if manifest.first <= at <= manifest.last)
+
+    def _newest_said(self, manifest: Manifest) -> Beacon | None:
+        """The last beacon of that time, as far as it was taken."""
+        for at, _, said in reversed(self._heard):
+            if said is not None and manifest.first <= at <= manifest.last:
+                return said
+        return None
 
     def is_proven(self, said: Beacon, now_s: float) -> bool:
         """The sender vouches for its frames and has vouched for this word, and its leader's count is not far ahead."""

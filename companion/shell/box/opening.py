@@ -10,7 +10,7 @@ from companion.journal.channels import Json
 from companion.journal.recorder import BlackBox, files_of
 from companion.journal.segments import DirectWriter
 from companion.shell.box.threaded_chunks import ThreadedChunks
-from companion.shell.records import STATE
+from companion.shell.service import STATE
 
 FOLDER_NAME = "black-box"
 NONE = "none"

@@ -35,8 +35,9 @@ class TooSlowError(Exception):
     """A client did not ask, or did not take, in time, or asks for too much; the message says which."""
 
 
-def read_head(read: Callable[[float], bytes], clock: Callable[[], float], until_s: float) -> bytes:
-    """A request up to its empty line. `read`: what comes within so many seconds; b"": the other end has gone.
+def read_head(read: Callable[[float], bytes], clock: Callable[[], float], until_s: float) -> tuple[bytes, bytes]:
+    """A request up to its empty line, and what came behind it. `read`: what comes within so many seconds; b"": the
+    other end has gone.
 
     TooSlowError at `until_s`, however many bytes drip in until then, and for a head beyond HEAD_MAX_BYTES.
     """
@@ -50,13 +51,32 @@ def read_head(read: Callable[[float], bytes], clock: Callable[[], float], until_
         except TimeoutError:
             continue
         if not data:
-            return head
+            return head, b""
         head += data
-        end = min((at for at in (head.find(b"\r\n\r\n"), head.find(b"\n\n")) if at >= 0), default=-1)
-        if end >= 0:
-            return head[: end + 4]
+        ends = [at + len(empty) for empty in (b"\r\n\r\n", b"\n\n") if (at := head.find(empty)) >= 0]
+        if ends:
+            return head[: min(ends)], head[min(ends) :]
         if len(head) > HEAD_MAX_BYTES:
             raise TooSlowError(f"request: more than {HEAD_MAX_BYTES} bytes of headers")
+
+
+def read_body(
+    read: Callable[[float], bytes], come: bytes, length: int, clock: Callable[[], float], until_s: float
+) -> bytes:
+    """The `length` bytes behind a head, of which `come` came with it. `read`, `until_s`: as of `read_head`; the caller
+    bounds `length`. TooSlowError; ConnectionError when the other end goes before."""
+    while len(come) < length:
+        left_s = until_s - clock()
+        if left_s <= 0.0:
+            raise TooSlowError(f"no whole request in time ({len(come)} of {length} bytes of its body)")
+        try:
+            data = read(left_s)
+        except TimeoutError:
+            continue
+        if not data:
+            raise ConnectionError(f"gone after {len(come)} of {length} bytes")
+        come += data
+    return come[:length]
 
 
 def send_within(connection: socket.socket, data: bytes, clock: Callable[[], float], patience: Patience) -> None:

@@ -23,6 +23,7 @@ CARRIED = frozenset(  # to the other companions
         dialect.MAVLINK_MSG_ID_SWARM_BEACON,
         dialect.MAVLINK_MSG_ID_SWARM_RECORD,
         dialect.MAVLINK_MSG_ID_SWARM_MANIFEST,
+        dialect.MAVLINK_MSG_ID_SWARM_ORDER,
         dialect.MAVLINK_MSG_ID_SWARM_RECORD_VECTOR,
     }
 )

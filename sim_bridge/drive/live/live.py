@@ -7,7 +7,8 @@ mission's own are: it is kept with them, and a mission that holds it flies the s
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, Final, Protocol
 
@@ -58,9 +59,11 @@ class Watched(Protocol):
 class Live:
     """Between one Flight and its Map."""
 
-    def __init__(self, map_: Map, pace: Pace, title: str) -> None:
+    def __init__(self, map_: Map, pace: Pace, title: str, look_s: float = 0.0) -> None:
+        """`look_s`: of wall time, that the flight waits for the first look at most."""
         self.map = map_
         self.title = title
+        self._look_s = look_s
         self._pace = pace
         self._faults = 0  # how many have been told
         self._lost = False
@@ -75,15 +78,21 @@ class Live:
             self.map.fault(asdict(event))
         self._faults = len(flight.faults.happened)
 
+    def await_look(self, flight: Watched, show: Callable[[], None]) -> None:
+        """Until somebody looks, before the first tick."""
+        if self._look_s <= 0.0:
+            return
+        flight.events.append((flight.world.now_s, f"waiting for a look at the map, {self._look_s:g} s at most"))
+        show()
+        until_s = time.monotonic() + self._look_s
+        while not self.map.viewers and self.map.gone is None and (left_s := until_s - time.monotonic()) > 0.0:
+            self._do_all(self.map.asked(left_s), flight)
+
     def wait(self, flight: Watched, show: Callable[[], None]) -> None:
         """Until the next tick is due, and do what viewers ask for meanwhile; `show` the flight's events."""
         wait_s = 0.0
         while True:
-            for asked in self.map.asked(wait_s)[:AT_ONCE]:
-                try:
-                    self._do(asked, flight)
-                except (ValueError, MissionError) as error:
-                    self.map.event(flight.world.now_s, f"not done: {error}")
+            self._do_all(self.map.asked(wait_s), flight)
             self._pace.watched = self.map.viewers > 0
             self._send_pace(flight)
             if flight.events:
@@ -91,6 +100,13 @@ class Live:
             wait_s = self._pace.wait_s(flight.world.now_s)
             if wait_s <= 0.0:
                 return
+
+    def _do_all(self, wishes: Sequence[Mapping[str, Any]], flight: Watched) -> None:
+        for asked in wishes[:AT_ONCE]:
+            try:
+                self._do(asked, flight)
+            except (ValueError, MissionError) as error:
+                self.map.event(flight.world.now_s, f"not done: {error}")
 
     def _send_pace(self, flight: Watched) -> None:
         if self._pace.paused and self._pace.watched:

@@ -108,7 +108,7 @@ class ZenohSession:
 
     def close(self) -> None:
         """End all that was declared."""
-        self._session.close()
+        self._session.close()  # type: ignore[no-untyped-call]
 
     def _node_of(self, topic: str) -> Node:
         first, _, rest = topic.strip("/").partition("/")

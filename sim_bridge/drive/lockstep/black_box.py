@@ -16,9 +16,10 @@ from companion.mavlink.peers.guard import Guard
 from companion.sensors.table import kinds_of
 from mission.document.load import dump_mission
 from mission.document.model import Mission
-from sim_bridge.judge.page.black_boxes import FOLDER_NAME as FOLDER_NAME
+from sim_bridge.options.report import BOXES_NAME
 
 MakesBox = Callable[[int, Guard | None, OrderBook | None], "SimulatedBox | None"]
+FOLDER_NAME: Final = BOXES_NAME
 WAIVED: Final = "all"  # as `--waive all` of a companion that is a process
 
 

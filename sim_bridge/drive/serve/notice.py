@@ -11,6 +11,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from companion.keys.fleet_folder import file_name
+from companion.keys.keyring import OPERATOR
 from mission.common.network import own_addresses
 from mission.document.model import Mission, Personality
 from sim_bridge.drive.links.hub import place
@@ -25,8 +27,11 @@ TAKEOFF_NOTES = {
 }
 
 
-def where(mission: Mission, mission_file: Path, ports: Ports, speed: float) -> dict[str, Any]:
-    """Addresses of `ports`: what `serve --json` prints. `mission_file`: as flown; `speed`: over wall time."""
+def where(mission: Mission, mission_file: Path, ports: Ports, speed: float, keys: Path | None = None) -> dict[str, Any]:
+    """Addresses of `ports`: what `serve --json` prints. `mission_file`: as flown; `speed`: over wall time.
+
+    `keys`: the fleet's folder; None: the radio is unsigned.
+    """
 
     sensor = link_name(mission)
 
@@ -39,6 +44,9 @@ def where(mission: Mission, mission_file: Path, ports: Ports, speed: float) -> d
 
     def drivers(vehicle_id: int) -> list[str]:
         return ["--sensor", f"{sensor}={url(ports.sensors[vehicle_id])}"] if vehicle_id in ports.sensors else []
+
+    def key(owner: int) -> list[str]:
+        return ["--unsigned"] if keys is None else ["--key", str(keys.absolute() / file_name(owner))]
 
     return {
         "name": mission.name,
@@ -54,7 +62,9 @@ def where(mission: Mission, mission_file: Path, ports: Ports, speed: float) -> d
             "mavproxy": f"--master=udpout:{LOOPBACK}:{port(ports.ground)}",
         },
         "radio": {"port": port(ports.radio)},
-        "base": None if mission.survey is None else _base(mission_file, url(ports.radio)),
+        "base": None if mission.survey is None else _base(mission_file, url(ports.radio), key(OPERATOR)),
+        "orders": None if keys is None else _orders(mission_file, url(ports.radio), key(OPERATOR)),
+        "page": None if keys is None else _page(mission_file, url(ports.radio), key(OPERATOR)),
         "sensor": sensor,
         "vehicles": [
             {
@@ -66,7 +76,8 @@ def where(mission: Mission, mission_file: Path, ports: Ports, speed: float) -> d
                 "companion": [
                     *(_program("companion"), "run", "--mission", str(mission_file), "--id", str(vehicle_id)),
                     *("--autopilot", url(bound), "--peers", url(ports.radio), *drivers(vehicle_id)),
-                    *("--waive", "all", "--unsigned"),
+                    *("--waive", "all"),
+                    *key(vehicle_id),
                 ],
                 **({sensor: {"port": port(ports.sensors[vehicle_id])}} if vehicle_id in ports.sensors else {}),
             }
@@ -98,9 +109,7 @@ def table(where: Mapping[str, Any], push: Address | None) -> str:
         *(f"  {shlex.join(v['companion'])}" for v in vehicles),
         "",
         *_base_station(where["base"]),
-        "they wait for an operator; from MAVProxy on the ground side, for one of them (it tells the others):",
-        "  set target_component 191",
-        "  long MISSION_START 0 0 0 0 0 0 0",
+        *_operator(where["orders"], where["page"]),
         f"the ground is at {where['ground_amsl_m']:g} m above sea level",
         *(TAKEOFF_NOTES[Personality(name)] for name in sorted({v["personality"] for v in vehicles}, reverse=True)),
     ]
@@ -111,6 +120,21 @@ def _base_station(command: Sequence[str] | None) -> list[str]:
     if command is None:
         return []
     return ["the base station, which collects their records:", f"  {shlex.join(command)}", ""]
+
+
+def _operator(orders: Mapping[str, Sequence[str]] | None, page: Sequence[str] | None) -> list[str]:
+    if orders is not None and page is not None:
+        return [
+            "they wait for the operator's key:",
+            *(f"  {shlex.join(command)}" for command in orders.values()),
+            "or for orders from a page:",
+            f"  {shlex.join(page)}",
+        ]
+    return [
+        "they wait for an operator; from MAVProxy on the ground side, for one of them (it tells the others):",
+        "  set target_component 191",
+        "  long MISSION_START 0 0 0 0 0 0 0",
+    ]
 
 
 def _drivers(vehicles: Sequence[Mapping[str, Any]], sensor: str) -> list[str]:
@@ -124,9 +148,18 @@ def _drivers(vehicles: Sequence[Mapping[str, Any]], sensor: str) -> list[str]:
     ]
 
 
-def _base(mission_file: Path, radio: str) -> list[str]:
-    options = ("--listen", radio, "--records", BASE_RECORDS, "--unsigned")
+def _base(mission_file: Path, radio: str, key: Sequence[str]) -> list[str]:
+    options = ("--listen", radio, "--records", BASE_RECORDS, *key)
     return [_program("companion"), "base", str(mission_file), *options]
+
+
+def _orders(mission_file: Path, radio: str, key: Sequence[str]) -> dict[str, list[str]]:
+    options = (*key, "--mission", str(mission_file), "--peers", radio)
+    return {kind: [_program("companion"), "order", kind, *options] for kind in ("start", "hold", "land", "abort")}
+
+
+def _page(mission_file: Path, radio: str, key: Sequence[str]) -> list[str]:
+    return [_program("companion"), "watch", *key, "--mission", str(mission_file), "--peers", radio, "--orders"]
 
 
 def _program(name: str) -> str:

@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from companion.keys.fleet_folder import file_name
 from mission.cli.main import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
 from mission.common.problems import MissionError, printable
 from mission.common.signals import Stop
@@ -37,6 +38,8 @@ def run(args: argparse.Namespace) -> int:
     """Serve until SIGINT or SIGTERM; returns the exit code."""
     try:
         mission = _mission(args)
+        if args.keys is not None:
+            _check_keys(args.keys, mission.swarm.size)
         sensor = link_name(mission)
         if args.first_sensor_port and not sensor:
             why = "has no [sensing]" if mission.sensing is None else "sends scans by way of the autopilots"
@@ -52,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
             onboard = args.onboard_to.of(world.vehicles) if args.onboard_to else None
             server = Server(world, ports, push=args.ground, push_onboard=onboard, say=_to_stderr)
             stack.callback(server.close)
-            where = notice.where(mission, mission_file, ports, args.speed)
+            where = notice.where(mission, mission_file, ports, args.speed, args.keys)
             served = None
             if args.map is not None:
                 map_ = Map(args.map, CONTROLS)
@@ -102,6 +105,15 @@ def _mission(args: argparse.Namespace) -> Mission:
     simulator.check(mission, str(args.mission))
     simulator.needs_satellites(mission, str(args.mission), "`serve` has no range radios: `sim-bridge fly` has")
     return mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
+
+
+def _check_keys(folder: Path, size: int) -> None:
+    """The files of so many vehicles and of the operator are there. The programs that sign read them."""
+    for owner in range(size + 1):
+        if not (folder / file_name(owner)).is_file():
+            place = printable(str(folder / file_name(owner)), MAX_PLACE_CHARS)
+            made_by = f"companion key new FLEET --vehicles {size}"
+            raise StartError(f"--keys: {place}: no such file ({made_by})", EXIT_BAD_FILE)
 
 
 @contextlib.contextmanager

@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from companion.mavlink.peers.session import OPERATOR_ID
 from companion.records.record import BASE_ID
 from mission.cli.main import EXIT_BAD_FILE
 from mission.common.frames import Vec3
@@ -304,13 +305,14 @@ class Server:
 
 
 def _radios(world: World) -> tuple[tuple[int, ...], Radio, Callable[[], dict[int, Vec3]]]:
-    """Ids of the radios, what is between them, and where they are: of a mission that surveys with a base station's.
+    """Ids of the radios, what is between them, and where they are: the operator's, too; of a survey the base station's.
 
-    `companion base` may then speak as that, as companions do.
+    `companion order` and `companion base` speak as those, as companions do. The operator stands beside vehicle 1's
+    start, heard and hearing as far as any.
     """
-    ids = tuple(world.vehicles)
-    if world.mission.survey is None:
-        return ids, world.radio, world.positions
-    place = base_place(world.mission, world.stand)
-    world.radio.set_range(BASE_ID, world.mission.radio.full_range_m)
-    return (*ids, BASE_ID), world.radio, lambda: {**world.positions(), BASE_ID: place}
+    world.radio.set_range(OPERATOR_ID, math.inf)
+    places = {OPERATOR_ID: world.positions()[1]}
+    if world.mission.survey is not None:
+        places[BASE_ID] = base_place(world.mission, world.stand)
+        world.radio.set_range(BASE_ID, world.mission.radio.full_range_m)
+    return (*world.vehicles, *places), world.radio, lambda: {**world.positions(), **places}

@@ -145,7 +145,7 @@ class MapServer:
             return None
         if path != PAGE_PATH:
             return connection.respond(HTTPStatus.NOT_FOUND, "There is one page here: /\n")
-        body, policy = await asyncio.to_thread(_page, self._begin.get("title", ""), host[0])
+        body, policy = await asyncio.to_thread(self._page, host[0])
         headers = Headers(
             [
                 ("Content-Type", "text/html; charset=utf-8"),
@@ -158,6 +158,16 @@ class MapServer:
             ]
         )
         return Response(HTTPStatus.OK, "OK", headers, body)
+
+    def _page(self, host: str) -> tuple[bytes, str]:
+        """The page and its policy; of a flight that is over its replay, which shows more than what was streamed."""
+        from sim_bridge.judge.page.html import POLICY, live_page, live_policy
+
+        report = self._newest.get("over", {}).get("report")
+        if report is not None:
+            with contextlib.suppress(OSError):  # it has been moved: then what was streamed
+                return Path(report).read_bytes(), f"{POLICY}; frame-ancestors 'none'"
+        return live_page(self._begin.get("title", "")).encode(), live_policy(host)
 
     async def _meet(self, connection: ServerConnection) -> None:
         if len(self._viewers) >= VIEWERS_MAX:
@@ -224,12 +234,6 @@ class MapServer:
             controls = self._begin["controls"] if viewer.may_interfere else []
             first = {"format": FORMAT, "version": VERSION, "replay": replay, "controls": controls}
             viewer.begin({**first, **self._newest})
-
-
-def _page(title: str, host: str) -> tuple[bytes, str]:
-    from sim_bridge.judge.page.html import live_page, live_policy
-
-    return live_page(title).encode(), live_policy(host)
 
 
 def _feed(begin: dict[str, Any]) -> Feed:

@@ -54,6 +54,18 @@ def arrival(recording: Recording, mission: Mission, connected: Bools) -> Arrival
     )
 
 
+def arrivals_s(recording: Recording, mission: Mission) -> list[float | None]:
+    """Of each vehicle when it was first as near to d2 as the gathered swarm is, bound for it, s; None: never."""
+    started = departure(recording)
+    if started is None:
+        return [None] * recording.on_ground.shape[1]
+    near = distance_to_d2_m(recording, mission) <= gathered_within_m(mission, _width_m(recording, mission, started[0]))
+    bound_for_d2 = (visits_of(recording) == len(mission.visits) - 1)[:, None]
+    there = near & recording.agent_alive & ~recording.on_ground & bound_for_d2
+    ticks = [_first(np.asarray(column), started[0]) for column in there.T]
+    return [None if tick is None else float(recording.time_s[tick]) for tick in ticks]
+
+
 def _straight_s(pos_ned_m: Floats, mission: Mission) -> float:
     """From a place (3,) straight on over all stops, with the time at them, until as near to d2 as is arrived."""
     points_ned_m = np.array([pos_ned_m, *(enu_to_ned(visit.pos_enu_m) for visit in mission.visits)])

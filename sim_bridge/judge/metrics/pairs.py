@@ -97,6 +97,31 @@ def closest(recording: Recording, pairs: Pairs) -> tuple[tuple[int, ...], float 
     return (int(pairs.first[pair]) + 1, int(pairs.second[pair]) + 1), float(recording.time_s[tick])
 
 
+def nearest_of_each(recording: Recording, mission: Mission) -> list[tuple[float, int, float] | None]:
+    """Of each vehicle how near another one in flight came, m, which one, and when, s; None: it met none.
+
+    Distances as in look_at_pairs.
+    """
+    ticks, n = recording.on_ground.shape
+    everyone = np.arange(n)
+    flying = in_flight(recording, mission)
+    layered = len(list_layers(mission)) > 1
+    found: list[tuple[float, int, float] | None] = [None] * n
+    for k in range(n):
+        others = everyone[everyone != k]
+        for at in _chunks(ticks, n):
+            measure = _level_distance_m if layered else _distance_m
+            apart_m = measure(recording, at, np.full(len(others), k), others)
+            apart_m = np.where(flying[at][:, k, None] & flying[at][:, others], apart_m, np.inf)
+            if not apart_m.size:
+                continue
+            tick, other = np.unravel_index(int(apart_m.argmin()), apart_m.shape)
+            least_m, best = float(apart_m[tick, other]), found[k]
+            if np.isfinite(least_m) and (best is None or least_m < best[0]):
+                found[k] = (least_m, int(others[other]) + 1, float(recording.time_s[at][tick]))
+    return found
+
+
 def _distance_m(recording: Recording, at: slice, first: Ints, second: Ints) -> Floats:
     """(ticks, P) between centres."""
     north, east, down = _offsets_m(recording, at, first, second)

@@ -28,6 +28,21 @@ def least_clearance_m(recording: Recording, stand: Stand) -> float | None:
     return least_m if least_m < LOOKED_AT_M else None
 
 
+def bark_of_each(recording: Recording, stand: Stand) -> list[tuple[float, float] | None]:
+    """Of each vehicle the least level distance from its centre to a trunk's surface, m, and when, s, as above."""
+    found: list[tuple[float, float] | None] = []
+    for column in range(recording.on_ground.shape[1]):
+        least_m, at_s = LOOKED_AT_M, 0.0
+        for tick in np.flatnonzero(~recording.on_ground[:, column] & (recording.touched[:, column] == 0)).tolist():
+            north_m, east_m, down_m = recording.pos_ned_m[tick, column].tolist()
+            for tree in stand.near(east_m, north_m, least_m):
+                away_m = max(0.0, math.hypot(tree.east_m - east_m, tree.north_m - north_m) - tree.radius_m)
+                if away_m < least_m and -down_m < stand.ground_up_m(tree.east_m, tree.north_m) + tree.height_m:
+                    least_m, at_s = away_m, float(recording.time_s[tick])
+        found.append((least_m, at_s) if least_m < LOOKED_AT_M else None)
+    return found
+
+
 def least_box_clearance_m(recording: Recording, stand: Stand) -> float | None:
     """Least level distance from a vehicle's centre to a box's surface, as in Metrics; None: none within 20 m."""
     at = ~recording.on_ground & (recording.touched == 0)

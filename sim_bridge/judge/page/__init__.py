@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import webbrowser
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -40,6 +42,12 @@ def write_flight(
     return path
 
 
-def show(file: Path) -> None:
-    """Open a page in the reader's browser."""
-    webbrowser.open(file.resolve().as_uri())
+def show(where: Path | str) -> bool:
+    """Open a page, a file or an address, in the reader's browser; False where there is no display, or no browser."""
+    return _has_display() and webbrowser.open(where if isinstance(where, str) else where.resolve().as_uri())
+
+
+def _has_display() -> bool:
+    """False: what would be opened is a browser for terminals, in the midst of what we write."""
+    shown_by = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")
+    return sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in shown_by)

@@ -34,10 +34,12 @@ from sim_bridge.judge.metrics import (
 from sim_bridge.judge.metrics.graph import connectivity
 from sim_bridge.judge.metrics.leadership import visits_of
 from sim_bridge.judge.metrics.pairs import Pairs, look_at_pairs
+from sim_bridge.judge.page.by_vehicle import vehicle_rows
 from sim_bridge.judge.page.coding import Series, column, steps, toggles
 from sim_bridge.judge.page.events import events
 from sim_bridge.judge.page.limits import limits
 from sim_bridge.judge.recording import Recording
+from sim_bridge.judge.run_folder import STAND_REPORT, load_beacons_lost
 from sim_bridge.trunk_attenuation import range_share
 
 FORMAT: Final = "understory-replay"
@@ -96,6 +98,8 @@ def replay(
         "figures": {name: value for name, value in figures.items() if name != "verdict"},
         **body(shown, mission, pairs, lambda2, reported),
         "events": [event.as_dict() for event in happened],
+        **({"stand_report": STAND_REPORT} if (folder / STAND_REPORT).is_file() else {}),
+        "by_vehicle": vehicle_rows(recording, mission, stand, reported, load_beacons_lost(folder, n)),
     }
 
 
@@ -107,7 +111,7 @@ def head(mission: Mission, stand: Stand, title: str) -> dict[str, Any]:
         "made_by": f"understory {__version__}",
         "title": title,
         "seed": mission.sim.seed,
-        "mission": _mission(mission),
+        "mission": mission_values(mission),
         "mission_toml": dump_mission(mission),
         "stand": _stand_values(stand),
     }
@@ -131,7 +135,7 @@ def body(
     }
 
 
-def _mission(mission: Mission) -> dict[str, Any]:
+def mission_values(mission: Mission) -> dict[str, Any]:
     """The mission as the page draws it."""
     route, coverage, fence = mission.route, mission.coverage, mission.fence
     names = ["d1", *[f"stop {k}" for k in range(1, len(route.stops) + 1)], "d2"]
@@ -149,6 +153,7 @@ def _mission(mission: Mission) -> dict[str, Any]:
             "centres_enu_m": [list(visit.pos_enu_m) for visit in mission.visits],
         },
         "fence_enu_m": [list(point) for point in fence.polygon_enu_m or ()],
+        "origin": None if mission.origin is None else [mission.origin.lat_deg, mission.origin.lon_deg],
         "altitude_m": [fence.altitude_min_m, fence.altitude_max_m],
         "separation_hard_m": mission.separation.hard_m,
         "trunk_attenuation_factor": factor,

@@ -28,7 +28,7 @@ from sim_bridge.drive import fly
 from sim_bridge.judge import run_folder
 from sim_bridge.judge.progress import Progress
 from sim_bridge.lab.paper import stages
-from sim_bridge.lab.plot_style import ALARM, FEW, INK, RC
+from sim_bridge.lab.plot_style import ALARM, INK, PALETTE, RC
 from sim_bridge.lab.study.load import load_study
 from sim_bridge.lab.study.program import COSTS
 from sim_bridge.lab.study.program import fly as fly_study
@@ -42,7 +42,7 @@ SIZES = (4, 8, 12)
 PAPER_RUNS = {4: (190, 195, 192, 196, 193), 8: (190, 199, 199, 194, 201), 12: (263, 283, 225, 234, 218)}
 PAPER_STRAIGHT_S = 185.57  # to d2 itself: 129.9 m at 0.7 m/s
 IN_FIGURE_5 = ("paper mode", "paper mode, parallel", "ours", "ours, JSBSim")
-COLOURS = (FEW[0], FEW[5], FEW[2], FEW[3])
+COLOURS = PALETTE[:4]
 OVERHEADS = ("overhead_leader", "overhead_last", "over_alone_last")
 COLUMNS = 13
 WITHIN = 0.08  # of the paper's means: what the reading has to reach

@@ -15,7 +15,7 @@ from companion.mavlink.framing import wire
 from companion.mavlink.peers.frame_mac import TIMESTAMP_MAX, seal, timestamp_of
 from companion.mavlink.peers.manifest import read_manifest
 from companion.mavlink.peers.session import BASE_ID, open_session
-from companion.mavlink.peers.stream import AHEAD_S, DISPUTED_S
+from companion.mavlink.peers.stream import AHEAD_S, CHECKED_S, DISPUTED_S
 from companion.mavlink.schema.tables.signing import MACS_MAX
 from tests.unit.core.core_kit import beacon, lease
 from tests.unit.mavlink.signing_kit import (
@@ -229,6 +229,7 @@ def test_news_of_the_sender_itself_counts_at_once() -> None:
 def test_manifest_of_a_member_in_anothers_name_is_refused() -> None:
     (one, two, three), now_s = met(1, 2, 3)
     forger = guard(1, boot=1001, ring=replace(keyring(1), seed=seed(3)))
+    now_s += CHECKED_S
     payload = forger.proof(now_s)
     assert payload is not None
     frame = forger.seal_proof(wire.frame(*payload, seq=0, system=1, component=191, flags=1))
@@ -283,15 +284,6 @@ def test_texts_are_of_members_alone() -> None:
     for sender in range(1, 256):
         two.receive([wire.frame(52100, payload, seq=0, system=sender, component=191)], now_s)
     assert len(two.texts) <= 6
-
-
-def test_flood_of_manifests_costs_few_signatures() -> None:
-    (one, two), now_s = met(1, 2)
-    for k in range(1000):
-        sent = one.guard.proof(now_s + 2.0 + k) or (0, b"")
-        frame = one.guard.seal_proof(wire.frame(*sent, seq=0, system=1, component=191, flags=1))
-        two.receive([frame], now_s + 2.0)
-    assert two.guard.refused["too many manifests"] >= 980
 
 
 # --- clones, rotation, the base ---

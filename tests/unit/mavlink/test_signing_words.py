@@ -17,7 +17,7 @@ from companion.mavlink.peers.frame_mac import mac_of, seal
 from companion.mavlink.peers.guard import CHECKS_MAX, CHECKS_S, OpenGuard, without_word
 from companion.mavlink.peers.manifest import MANIFEST_ID, Manifest, encode_manifest, read_manifest
 from companion.mavlink.peers.session import open_session
-from companion.mavlink.peers.stream import AHEAD_S, Stream
+from companion.mavlink.peers.stream import AHEAD_S, CHECKED_S, PROVEN_S, Stream
 from tests.unit.core.core_kit import BEACON, lease
 from tests.unit.mavlink.signing_kit import PERIOD_S, Node, keyring, met
 
@@ -73,6 +73,7 @@ def manifest_of(node: Node, now_s: float) -> bytes:
 def test_each_refusal_of_a_manifest_is_counted_once_by_its_reason() -> None:
     (one, two), now_s = met(1, 2)
     two.guard.refused.clear()
+    now_s += CHECKED_S  # until then what tells nothing new waits
     frame = manifest_of(one, now_s + 2.0)
     assert two.guard.take_proof(frame, now_s)
     assert dict(two.guard.refused) == {}
@@ -126,13 +127,14 @@ def test_a_second_companion_of_one_name_is_told_as_critical_by_both() -> None:
 
 
 def test_so_many_signatures_are_checked_in_a_second_and_no_more() -> None:
-    (one, two), now_s = met(1, 2)
-    two.guard.take_proof(manifest_of(one, now_s + 2.0), now_s + 2.0)  # of which on the second counts
-    for begins_s, checked in ((now_s + 2.0, CHECKS_MAX - 1), (now_s + 2.0 + CHECKS_S, CHECKS_MAX)):
+    (_, two), now_s = met(1, 2)
+    now_s += PROVEN_S
+    forger = Node(1, boot=1001, ring=replace(keyring(1), seed=keyring(3).seed))
+    for begins_s in (now_s, now_s + CHECKS_S):
         two.guard.refused.clear()
-        for k in range(checked + 5):
-            two.guard.take_proof(manifest_of(one, 100.0 * begins_s + 2.0 * k), begins_s)
-        assert dict(two.guard.refused) == {"too many manifests": 5}
+        for k in range(CHECKS_MAX + 5):
+            two.guard.take_proof(manifest_of(forger, 100.0 * begins_s + 2.0 * k), begins_s)
+        assert dict(two.guard.refused) == {"forged manifest": CHECKS_MAX, "too many manifests": 5}
 
 
 def test_what_waited_while_a_receiver_stalled_does_not_make_it_deaf() -> None:

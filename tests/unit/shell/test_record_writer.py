@@ -11,7 +11,8 @@ import pytest
 from companion.records.record import Draft, RecordKind
 from companion.records.store import Batch, RecordStore, StoreError, Written
 from companion.shell.record_writer import ThreadedWriter
-from companion.shell.records import STATE, records_of, records_path
+from companion.shell.records import records_of, records_path
+from companion.shell.service import STATE
 from mission.document.model import Mission
 from tests.unit.core.core_kit import mission
 

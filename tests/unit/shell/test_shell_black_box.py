@@ -16,7 +16,7 @@ from companion.journal.segments import SegmentFiles
 from companion.mavlink.endpoint import Endpoint
 from companion.shell.box.opening import box_folder, open_black_box, read_mission_file
 from companion.shell.box.threaded_chunks import ThreadedChunks
-from companion.shell.records import STATE
+from companion.shell.service import STATE
 from tests.unit.journal.journal_kit import MISSION, START, fly_ticks, recorder_of
 from tests.unit.mavlink.endpoint_kit import ME
 

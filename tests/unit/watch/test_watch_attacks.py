@@ -115,8 +115,11 @@ def test_a_request_that_drips_is_over_at_its_deadline_however_often_a_byte_comes
 
 def test_a_head_is_read_whole_and_not_beyond_its_bound() -> None:
     clock = Clock()
-    assert read_head(dripping(clock, GET + b"\r\nbody", 0.001), clock, 5.0) == GET + b"\r\n"
-    assert read_head(dripping(clock, b"GET /\n\nmore", 0.001), clock, 5.0) == b"GET /\n\n"
+    assert read_head(dripping(clock, GET + b"\r\nbody", 0.001), clock, 5.0) == (GET + b"\r\n", b"")
+    assert read_head(dripping(clock, b"GET /\n\nmore", 0.001), clock, 5.0) == (b"GET /\n\n", b"")
+    for head in (GET + b"\r\n", b"GET /\n\n"):
+        at_once = iter([head + b"\r\nbody"])
+        assert read_head(lambda _, at_once=at_once: next(at_once), clock, 5.0) == (head, b"\r\nbody")  # type: ignore[misc]
     asked = iter([b"A" * 4096] * 4)
     with pytest.raises(TooSlowError, match=f"more than {HEAD_MAX_BYTES} bytes"):
         read_head(lambda _: next(asked), clock, 5.0)

@@ -4,6 +4,7 @@ import { createHash } from "node:crypto";
 import { mkdir, readFile, readdir, writeFile } from "node:fs/promises";
 import { dirname, extname, join } from "node:path";
 import { fileURLToPath } from "node:url";
+import { PALETTE } from "./src/palette.js";
 
 const here = dirname(fileURLToPath(import.meta.url));
 const out = join(here, "..", "bundle");
@@ -29,6 +30,7 @@ const files = {
     .trim()}\n\nsources: sha256 ${digest.digest("hex")} */\n${script.outputFiles[0].text}`,
   "page.css": style.outputFiles[0].text,
   "LICENSES.txt": notice,
+  "palette.json": `${JSON.stringify(PALETTE)}\n`, // for plots
 };
 
 if (process.argv.includes("--check")) {

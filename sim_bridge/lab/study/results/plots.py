@@ -11,7 +11,7 @@ from typing import Any
 import matplotlib
 from matplotlib.figure import Figure
 
-from sim_bridge.lab.plot_style import FEW, RC
+from sim_bridge.lab.plot_style import PALETTE, RC
 from sim_bridge.lab.study.results.figures import BY_NAME
 from sim_bridge.lab.study.results.summary import SIZE, Group, label, varying
 
@@ -41,7 +41,7 @@ def draw_costs(costs: Path, file: Path) -> None:
         axes = figure.add_subplot()
         for index, run in enumerate(sorted({line["run"] for line in timed})):
             points = sorted((line["n"], line["cpu_s"] / line["sim_time_s"]) for line in timed if line["run"] == run)
-            axes.loglog(*zip(*points, strict=True), "o-", color=FEW[index % len(FEW)], label=run)
+            axes.loglog(*zip(*points, strict=True), "o-", color=PALETTE[index % len(PALETTE)], label=run)
         axes.set_xlabel("vehicles")
         axes.set_ylabel("processor seconds per simulated second")
         axes.legend()
@@ -74,7 +74,7 @@ def _draw(groups: Sequence[Group], name: str, axis: str, file: Path) -> None:
             series.setdefault(f"{group.run} {others}".strip(), []).append(group)
         for index, (title, members) in enumerate(series.items()):
             members.sort(key=lambda group: _at(group, axis))
-            _series(axes, members, name, axis, textwrap.fill(title, LEGEND_CHARS), FEW[index % len(FEW)])
+            _series(axes, members, name, axis, textwrap.fill(title, LEGEND_CHARS), PALETTE[index % len(PALETTE)])
         axes.set_xlabel("vehicles" if axis == SIZE else axis)
         axes.set_ylabel(textwrap.fill(BY_NAME[name].heading, LABEL_CHARS))
         _place_legend(figure)

@@ -5,7 +5,13 @@ import { legendOf } from "./map/layer.js";
 import { PHASES } from "./replay.js";
 import { vehicleColour } from "./theme.js";
 
-const OPTIONS = [{ name: "follow", text: "follow the swarm", order: 9, shown: false }];
+// East and north of the origin and, where it is known where that is, latitude and longitude.
+export function positionText([east, north], plane) {
+  const metres = `${east.toFixed(1)} m east, ${north.toFixed(1)} m north`;
+  return plane ? `${metres} · ${plane.wgs84([east, north]).map((deg) => deg.toFixed(6)).join(", ")}` : metres;
+}
+
+const OPTIONS = [{ name: "follow", text: "follow swarm or chosen vehicle", order: 9, shown: false }];
 
 export class FlightView {
   // `under`: what stands between the map and the choice of what it shows.
@@ -14,6 +20,7 @@ export class FlightView {
     this.clock = clock;
     this.legend = legendOf(FLIGHT_LAYERS, OPTIONS, replay);
     this.layers = Object.fromEntries(this.legend.map(({ name, shown }) => [name, shown]));
+    this.boxes = {}; // of the legend, by layer
     this.selected = null;
     this.scene = null;
     this.flat = el("canvas", {
@@ -23,13 +30,15 @@ export class FlightView {
       "aria-label": "the flight in 2D: arrow keys move it, plus and minus zoom, 0 shows all of it",
     });
     this.space = el("div", { class: "view space", hidden: true });
+    this.pointer = el("output", { class: "pointer", hidden: true, "aria-live": "off" });
+    const credit = el("p", { class: "credit" }, replay.chart?.attribution ?? "");
     this.status = el("p", { class: "status", "aria-live": "off" });
     this.tabs = ["From above", "3D"].map((name, i) =>
       el("button", { type: "button", "aria-pressed": i === 0, onclick: () => this.turn(i === 1) }, name),
     );
     const zoom = (name, text, act) => el("button", { type: "button", "aria-label": name, title: name, onclick: act }, text);
     root.append(
-      el("div", { class: "stage" }, this.flat, this.space, this.status,
+      el("div", { class: "stage" }, this.flat, this.space, this.status, this.pointer, credit,
         el("div", { class: "tabs", role: "group", "aria-label": "view" }, this.tabs),
         el("div", { class: "zoom", role: "group", "aria-label": "zoom" },
           zoom("zoom in", "+", () => this.zoom(1.4)),
@@ -39,13 +48,17 @@ export class FlightView {
       el("div", { class: "layers", role: "group", "aria-label": "what is shown" }, this.toggles()),
       this.roster(),
     );
+    for (const view of [this.flat, this.space]) {
+      for (const kind of ["pointermove", "pointerdown"]) view.addEventListener(kind, (event) => this.point(event));
+      view.addEventListener("pointerleave", () => (this.pointer.hidden = true));
+    }
     this.map = new FlightMap(this.flat, replay, this.layers, (k) => this.select(k));
     clock.listen((time) => this.show(time));
   }
 
   toggles() {
     return this.legend.map(({ name, text }) => {
-      const box = el("input", { type: "checkbox", name, onchange: () => this.layer(name, box.checked) });
+      const box = this.boxes[name] = el("input", { type: "checkbox", name, onchange: () => this.layer(name, box.checked) });
       box.checked = this.layers[name];
       return el("label", {}, box, ` ${text}`);
     });
@@ -72,7 +85,7 @@ export class FlightView {
   }
 
   paint() {
-    this.chips.forEach((chip, k) => chip.firstChild.style.setProperty("background", vehicleColour(k, this.chips.length)));
+    this.chips.forEach((chip, k) => chip.firstChild.style.setProperty("background", vehicleColour(k)));
   }
 
   select(k) {
@@ -80,6 +93,20 @@ export class FlightView {
     this.map.selected = k;
     this.chips.forEach((chip, index) => chip.setAttribute("aria-pressed", index === k));
     this.clock.changed();
+  }
+
+  // Choose a vehicle and stay with it, or let it go.
+  follow(k) {
+    const stays = !(this.layers.follow && this.selected === k);
+    this.boxes.follow.checked = this.layers.follow = stays;
+    this.select(stays ? k : null);
+  }
+
+  // Where on the ground a pointer is.
+  point({ offsetX: px, offsetY: py }) {
+    const at = this.space.hidden ? this.map.view?.enu(px, py) : this.scene?.enu(px, py);
+    this.pointer.hidden = !at;
+    if (at) this.pointer.value = positionText(at, this.map.plane);
   }
 
   zoom(factor) {

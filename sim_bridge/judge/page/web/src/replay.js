@@ -71,6 +71,9 @@ export class Replay {
       attenuationFactor: doc.mission.trunk_attenuation_factor ?? doc.mission.kept_per_trunk, // its name until 0.2
       missionToml: doc.mission_toml,
       events: doc.events,
+      byVehicle: doc.by_vehicle ?? [], // none of a flight under way, nor in replays of 0.2
+      chart: doc.chart ?? null,
+      standReport: doc.stand_report ?? null,
     });
     this.time = column(doc.time_s);
     const rows = this.time.length;
@@ -116,6 +119,12 @@ export class Replay {
     const one = this.vehicles[k];
     const next = share > 0 ? row + 1 : row;
     return ["east_m", "north_m", "up_m"].map((axis) => one[axis][row] + share * (one[axis][next] - one[axis][row]));
+  }
+
+  // Places that a view follows: of the vehicle at index `k`, or of all whose companions are alive where it is null.
+  followed(k, at) {
+    if (k !== null) return [this.place(k, at)];
+    return this.vehicles.flatMap((one, index) => (one.alive[at.row] ? [this.place(index, at)] : []));
   }
 
   // Pairs of indices that are linked in `row`.

@@ -2,7 +2,7 @@
 import {
   AmbientLight, BufferAttribute, BufferGeometry, CanvasTexture, Color, ConeGeometry, CylinderGeometry, DirectionalLight, DoubleSide,
   GridHelper, InstancedMesh, Line, LineBasicMaterial, LineLoop, LineSegments, Matrix4, Mesh, MeshBasicMaterial, MeshLambertMaterial,
-  PerspectiveCamera, Quaternion, RingGeometry, Scene, Sprite, SpriteMaterial, Vector3, WebGLRenderer,
+  PerspectiveCamera, Plane, Quaternion, Raycaster, RingGeometry, SRGBColorSpace, Scene, Sprite, SpriteMaterial, Vector2, Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { reach } from "./shadow.js";
@@ -13,6 +13,7 @@ const TRAIL_ROWS = 120;
 const VEHICLE_M = 1.6; // larger than life, to be seen
 const SEEN_FROM_M = 45; // further off they grow, and stay as large on the screen
 const UP = new Vector3(0, 1, 0);
+const GROUND = new Plane(UP, 0);
 
 // "#rrggbbaa" and hsl of the style sheet -> colour, without alpha.
 const plain = (text) => new Color(/^#[0-9a-f]{8}$/i.test(text) ? text.slice(0, 7) : text);
@@ -32,6 +33,7 @@ export class Scene3D {
     this.camera = new PerspectiveCamera(50, 1, 0.1, 5000);
     this.controls = new OrbitControls(this.camera, domElement);
     this.controls.maxPolarAngle = Math.PI / 2 - 0.02;
+    domElement.style.touchAction = "pan-y"; // a finger that goes up or down scrolls the page
     this.controls.listenToKeyEvents(domElement);
     this.controls.addEventListener("change", changed);
     this.build();
@@ -56,6 +58,11 @@ export class Scene3D {
     this.cones = new InstancedMesh(cone, new MeshLambertMaterial(), count);
     this.cones.frustumCulled = false;
     this.scene.add(this.cones);
+    this.ghosts = replay.against && new InstancedMesh(cone, new MeshBasicMaterial({ wireframe: true }), replay.against.vehicles.length);
+    if (this.ghosts) {
+      this.ghosts.frustumCulled = false;
+      this.scene.add(this.ghosts);
+    }
     this.crown = new Mesh(new RingGeometry(1.4, 1.8, 40).rotateX(-Math.PI / 2), new MeshBasicMaterial({ color: plain(ink.leader), side: DoubleSide }));
     this.scene.add(this.crown);
     this.links = this.lines(new LineSegments(new BufferGeometry(), new LineBasicMaterial({ color: plain(ink.link), transparent: true, opacity: 0.5 })), 2 * replay.pairs.length);
@@ -63,7 +70,7 @@ export class Scene3D {
     this.radio = this.lines(new LineLoop(new BufferGeometry(), new LineBasicMaterial({ color: plain(ink.radioEdge), transparent: true, opacity: 0.25 })), 720);
     const sectors = replay.vehicles.reduce((sum, { scans }) => sum + (scans?.sectors ?? 0), 0);
     this.scans = this.lines(new LineSegments(new BufferGeometry(), new LineBasicMaterial({ color: plain(ink.accent), transparent: true, opacity: 0.6 })), 2 * sectors);
-    const material = (k) => new LineBasicMaterial({ color: plain(vehicleColour(k, count)) });
+    const material = (k) => new LineBasicMaterial({ color: plain(vehicleColour(k)) });
     this.trails = replay.vehicles.map((_, k) => this.lines(new Line(new BufferGeometry(), material(k)), replay.room));
     this.names = count <= 30 ? replay.vehicles.map(({ id }) => this.label(String(id), ink)) : [];
   }
@@ -159,7 +166,9 @@ export class Scene3D {
     pen.fillStyle = ink.ink;
     pen.strokeText(text, 96, 46);
     pen.fillText(text, 96, 46);
-    const sprite = new Sprite(new SpriteMaterial({ map: new CanvasTexture(canvas), depthTest: false, sizeAttenuation: false }));
+    const map = new CanvasTexture(canvas);
+    map.colorSpace = SRGBColorSpace; // else black letters are grey
+    const sprite = new Sprite(new SpriteMaterial({ map, depthTest: false, sizeAttenuation: false }));
     sprite.scale.set(0.11, 0.037, 1);
     sprite.renderOrder = 1; // over the crowns
     this.scene.add(sprite);
@@ -173,6 +182,14 @@ export class Scene3D {
     this.camera.position.set(east - back * 0.25, back * 0.42, -north + back * 0.72);
     this.controls.update();
     this.changed();
+  }
+
+  // East and north of the ground at a pixel; null: the sky.
+  enu(px, py) {
+    const eye = new Raycaster();
+    eye.setFromCamera(new Vector2((2 * px) / this.root.clientWidth - 1, 1 - (2 * py) / this.root.clientHeight), this.camera);
+    const hit = eye.ray.intersectPlane(GROUND, new Vector3());
+    return hit && [hit.x, -hit.z];
   }
 
   // How much farther back a camera stands in an upright window, to see as much from side to side.
@@ -214,9 +231,8 @@ export class Scene3D {
     const { replay, layers } = this;
     const places = replay.vehicles.map((_, k) => replay.place(k, at));
     if (!this.looked) this.near(places);
-    if (layers.follow) this.follow(places, at.row);
+    if (layers.follow) this.follow(replay.followed(selected, at));
     const [matrix, turn, size, colour] = [new Matrix4(), new Quaternion(), new Vector3(), new Color()];
-    const count = replay.vehicles.length;
     replay.vehicles.forEach((one, k) => {
       const [east, north, up] = places[k];
       const yaw = one.yaw_deg ? one.yaw_deg[at.row] || 0 : 0;
@@ -225,7 +241,7 @@ export class Scene3D {
       size.setScalar(Math.max(1, where.distanceTo(this.camera.position) / SEEN_FROM_M));
       this.cones.setMatrixAt(k, matrix.compose(where, turn, size));
       const dim = !one.alive[at.row];
-      this.cones.setColorAt(k, dim ? colour.set(0x888888) : colour.copy(plain(vehicleColour(k, count))));
+      this.cones.setColorAt(k, dim ? colour.set(0x888888) : colour.copy(plain(vehicleColour(k))));
       this.names[k]?.position.set(east, up + VEHICLE_M * size.x, -north);
     });
     this.cones.instanceMatrix.needsUpdate = true;
@@ -241,11 +257,29 @@ export class Scene3D {
     this.fill(this.drops, places.flatMap(([east, north, up]) => [[east, north, up], [east, north, 0]]));
     this.reached(selected ?? leader, at, places);
     this.trail(at, time, places);
+    if (this.ghosts) this.haunt(time);
     this.scanned(at, places);
   }
 
-  follow(places, row) {
-    const seen = places.filter((_, k) => this.replay.vehicles[k].alive[row]);
+  // The vehicles of the other flight.
+  haunt(time) {
+    const { against } = this.replay;
+    this.ghosts.visible = this.layers.against;
+    const at = against.at(time);
+    const [matrix, turn, size, colour] = [new Matrix4(), new Quaternion(), new Vector3(), new Color()];
+    against.vehicles.forEach((one, k) => {
+      const [east, north, up] = against.place(k, at);
+      const where = new Vector3(east, up, -north);
+      turn.setFromAxisAngle(UP, (-(one.yaw_deg?.[at.row] || 0) * Math.PI) / 180);
+      size.setScalar(Math.max(1, where.distanceTo(this.camera.position) / SEEN_FROM_M));
+      this.ghosts.setMatrixAt(k, matrix.compose(where, turn, size));
+      this.ghosts.setColorAt(k, colour.copy(plain(vehicleColour(k))));
+    });
+    this.ghosts.instanceMatrix.needsUpdate = true;
+    this.ghosts.instanceColor.needsUpdate = true;
+  }
+
+  follow(seen) {
     if (!seen.length) return;
     const mean = [0, 1, 2].map((axis) => seen.reduce((sum, place) => sum + place[axis], 0) / seen.length);
     const shift = new Vector3(mean[0], mean[2], -mean[1]).sub(this.controls.target);

@@ -1,6 +1,6 @@
 // Light and dark: what canvases need of the style sheet, and a colour for each vehicle.
-const LIGHT = ["#332288", "#c14e63", "#117733", "#2b87b5", "#aa4499", "#7d7d17", "#1f8a78", "#882255", "#a07d12"];
-const DARK = ["#a5a0ff", "#f08a9b", "#55c47f", "#88ccee", "#e08ad4", "#d2d25a", "#5fd3c0", "#ec7fb0", "#ead27a"];
+import { PALETTE } from "./palette.js";
+
 const KEY = "understory-theme";
 let cached = null;
 let dark = null; // asked for each vehicle in each frame
@@ -48,10 +48,14 @@ export function colours() {
   return cached;
 }
 
-// Told apart at a glance if they are few, in order along a ramp if many.
-export function vehicleColour(index, count) {
-  const few = isDark() ? DARK : LIGHT;
-  if (count <= few.length) return few[index];
-  const hue = 250 + (220 * index) / (count - 1);
-  return `hsl(${hue % 360} 60% ${isDark() ? 70 : 38}%)`;
+// Of the vehicle at an index: told apart by whoever looks; of more than there are colours, they come again, and the ids tell.
+export function vehicleColour(index) {
+  const palette = isDark() ? PALETTE.dark : PALETTE.light;
+  return palette[index % palette.length];
+}
+
+// Of a text on "#rrggbb": the one of black and white that is read better there.
+export function textOn(colour) {
+  const [red, green, blue] = [1, 3, 5].map((at) => (parseInt(colour.slice(at, at + 2), 16) / 255) ** 2.2);
+  return 0.2126 * red + 0.7152 * green + 0.0722 * blue > 0.18 ? "#000000" : "#ffffff";
 }

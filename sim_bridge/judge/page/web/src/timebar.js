@@ -45,7 +45,7 @@ export class TimeBar {
       if (row + 1 < phase.length && phase[row + 1] === phase[row]) continue;
       const end = replay.time[Math.min(row + 1, phase.length - 1)];
       const name = PHASES[phase[row]] ?? "";
-      const part = el("span", { class: `phase ${name}`, title: name }, name);
+      const part = el("span", { class: `phase ${name}`, title: name }, el("b", {}, name));
       part.style.left = share(replay.time[from]);
       part.style.width = `${(100 * (end - replay.time[from])) / span}%`;
       band.append(part);

@@ -4,7 +4,7 @@ import { Labels } from "../src/map/labels.js";
 import { Silenced, keyOf, standing } from "../watch/alarms.js";
 import { factsOf, roleOf, unknown } from "../watch/panel.js";
 import { age, aged, summaryOf } from "../watch/picture.js";
-import { Plane, cornerOf, tileAt } from "../watch/plane.js";
+import { Plane, cornerOf, tileAt } from "../src/map/plane.js";
 import { fakeContext } from "./kit.mjs";
 
 const LOST = { kind: "link", vehicles: [3], text: "Vehicle 3: link lost, 4 s", grave: true };

@@ -1,5 +1,6 @@
 // Beside the map: one card for each vehicle, what vehicles say of others, and what nobody knows.
 import { el } from "../src/dom.js";
+import { vehicleColour } from "../src/theme.js";
 import { FRESH_S, age, leads, positionOf } from "./picture.js";
 
 const NEVER = "Not in beacons: why a vehicle lands, its autopilot's messages, trees, links between vehicles.";
@@ -27,7 +28,8 @@ export function factsOf(one, mission) {
 // Written anew in place four times a second: a card that is put in anew loses the finger that is on it.
 export class Card {
   constructor(id, picked) {
-    this.parts = { name: el("b", {}, `${id} `), role: el("span", {}), age: el("span", { class: "age" }), state: el("span", { class: "state" }), facts: el("span", { class: "facts" }) };
+    this.mark = el("i", { "aria-hidden": "true" }); // its colour on the map
+    this.parts = { name: el("b", {}, this.mark, `${id} `), role: el("span", {}), age: el("span", { class: "age" }), state: el("span", { class: "state" }), facts: el("span", { class: "facts" }) };
     const { name, role, age: heard, state, facts } = this.parts;
     name.append(role);
     this.button = el("button", { type: "button", class: "card", onclick: () => picked(id), "data-id": id }, name, heard, state, facts);
@@ -39,6 +41,7 @@ export class Card {
     const { parts, button } = this;
     button.classList.toggle("ghost", !fresh);
     button.setAttribute("aria-pressed", selected === one.id);
+    this.mark.style.setProperty("background", vehicleColour(one.id - 1)); // pages turn dark
     parts.role.textContent = roleOf(one, fresh);
     parts.age.textContent = fresh ? age(one.age_s) : `last heard ${age(one.age_s)} ago`;
     parts.state.textContent = `${fresh ? "" : "then: "}${one.state === one.phase ? one.state : `${one.state} (${one.phase})`}`;

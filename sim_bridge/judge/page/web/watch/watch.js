@@ -2,6 +2,7 @@
 import { el } from "../src/dom.js";
 import { setUp } from "../src/theme.js";
 import { Banners, Silenced, standing } from "./alarms.js";
+import { OrderBar } from "./orders/bar.js";
 import { Card, peerReports, unknown } from "./panel.js";
 import { aged, summaryOf } from "./picture.js";
 import { Sound } from "./sound.js";
@@ -33,6 +34,7 @@ const credit = el("p", { class: "credit" });
 const list = el("ul", { class: "vehicles" });
 const notKnown = el("ul", {});
 const others = el("ul", { class: "reports" });
+const orders = new OrderBar();
 
 document.body.append(
   el("header", {}, el("div", {}, title, summary, harvest), el("div", { class: "switches" }, hear, theme)),
@@ -45,6 +47,7 @@ document.body.append(
     el("section", { "aria-label": "Vehicles" }, el("h2", {}, "Vehicles"), list, others),
     el("section", { class: "unknown" }, el("h2", {}, "Unknown"), notKnown),
   ),
+  orders.section,
 );
 theme.addEventListener("click", setUp(() => map.draw()));
 
@@ -100,6 +103,7 @@ function show() {
   harvest.hidden = !picture.harvest;
   credit.textContent = (picture.about.chart?.attribution ?? "").replace(/<[^>]*>/g, "");
   writeCards(picture);
+  orders.show(picture);
   write(others, peerReports(picture));
   write(notKnown, unknown(picture));
   map.update(picture);

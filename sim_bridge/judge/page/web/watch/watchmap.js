@@ -1,11 +1,11 @@
 // Where vehicles of the watched swarm report to be, or reported when they were last heard.
 import { MapCanvas } from "../src/map/canvas.js";
+import { Chart } from "../src/map/chart.js";
 import * as layers from "../src/map/layers/index.js";
+import { Plane } from "../src/map/plane.js";
 import { FIELD } from "../src/map/style.js";
 import { View, viewOf } from "../src/map/view.js";
-import { Chart } from "./chart.js";
 import { positionOf } from "./picture.js";
-import { Plane } from "./plane.js";
 
 // The lowest first.
 export const WATCH_LAYERS = [
@@ -16,6 +16,7 @@ export const WATCH_LAYERS = [
   layers.following,
   layers.peerreports,
   layers.heard,
+  layers.north,
   layers.scalebar,
 ];
 
@@ -40,7 +41,7 @@ export class WatchMap extends MapCanvas {
     const { about, vehicles } = picture;
     const first = about.mission?.places[0].at ?? vehicles.map(positionOf).find(Boolean) ?? middle(about.chart);
     if (!this.plane && first) this.plane = new Plane(first[0], first[1]);
-    if (!this.chart && about.chart && this.plane) this.chart = new Chart(about.chart, () => this.draw());
+    if (!this.chart && about.chart && this.plane) this.chart = new Chart(about.chart, addressOf, () => this.draw());
     this.draw();
   }
 
@@ -110,6 +111,9 @@ export class WatchMap extends MapCanvas {
     super.fit();
   }
 }
+
+// Of a tile, or of the whole map where there are no tiles; from the computer that watches.
+const addressOf = (tile) => (tile ? `/map/${tile.join("/")}` : "/map/image");
 
 function middle(chart) {
   if (chart?.corners_deg) return chart.corners_deg[0];

@@ -79,7 +79,7 @@ export class MapCanvas {
   // What stands still: drawn when the view changes, and not for each frame.
   background(layers, data, wide, high, ratio) {
     const { east, north, scale } = this.view;
-    const key = [wide, high, east, north, scale, ...layers.map(({ name }) => name)].join();
+    const key = [wide, high, east, north, scale, data.chart?.loaded, ...layers.map(({ name }) => name)].join();
     if (this.drawn?.key === key && this.drawn.ink === data.ink) return this.drawn.canvas;
     const canvas = this.drawn?.canvas ?? document.createElement("canvas");
     [canvas.width, canvas.height] = [wide, high];

@@ -1,11 +1,14 @@
 // A flight from above: of a replay, or under way.
 import { MapCanvas } from "./canvas.js";
+import { Chart } from "./chart.js";
 import * as layers from "./layers/index.js";
+import { Plane } from "./plane.js";
 import { DESK } from "./style.js";
 import { viewOf } from "./view.js";
 
 // The lowest first.
 export const FLIGHT_LAYERS = [
+  layers.chart,
   layers.grid,
   layers.crowns,
   layers.trunks,
@@ -20,7 +23,9 @@ export const FLIGHT_LAYERS = [
   layers.links,
   layers.scans,
   layers.estimates,
+  layers.against,
   layers.vehicles,
+  layers.north,
   layers.scalebar,
 ];
 
@@ -34,6 +39,8 @@ export class FlightMap extends MapCanvas {
     super(canvas, FLIGHT_LAYERS, DESK, picked);
     Object.assign(this, { replay, shown, time: replay.start });
     const { fence_enu_m: fence, places, coverage } = replay.mission;
+    this.plane = replay.mission.origin ? new Plane(...replay.mission.origin) : null;
+    this.chart = replay.chart && this.plane ? new Chart(replay.chart, (tile) => (tile ? replay.chart.tiles[tile.join("/")] : replay.chart.image), () => this.draw()) : null;
     this.mission = { fence, places: places.map(({ name, enu_m: enu }) => ({ name, enu })), coverage };
   }
 
@@ -43,14 +50,15 @@ export class FlightMap extends MapCanvas {
   }
 
   data() {
-    const { replay, mission, shown, time } = this;
-    return { replay, mission, shown, time, at: replay.time.length ? replay.at(time) : null };
+    const { replay, mission, time, chart, plane } = this;
+    const shown = { ...this.shown, grid: chart === null };
+    return { replay, mission, shown, time, chart, plane, against: replay.against ?? null, at: replay.time.length ? replay.at(time) : null };
   }
 
   whole() {
-    const { vehicles, mission } = this.replay;
+    const { mission, vehicles, against } = this.replay;
     const points = [];
-    for (const one of vehicles) for (let row = 0; row < one.east_m.length; row += ROWS) points.push([one.east_m[row], one.north_m[row]]);
+    for (const one of [...vehicles, ...(against?.vehicles ?? [])]) for (let row = 0; row < one.east_m.length; row += ROWS) points.push([one.east_m[row], one.north_m[row]]);
     for (const { enu_m: at } of mission.places) points.push(at);
     const { centres_enu_m: centres, radius_m: radius } = mission.coverage;
     for (const [e, n] of centres) points.push([e - radius, n - radius], [e + radius, n + radius]);
@@ -62,7 +70,7 @@ export class FlightMap extends MapCanvas {
     const view = super.kept(last);
     if (!this.shown.follow || !replay.time.length) return view;
     const at = replay.at(this.time);
-    const seen = replay.vehicles.map((one, k) => (one.alive[at.row] ? replay.place(k, at) : null)).filter(Boolean);
+    const seen = replay.followed(this.selected, at);
     if (!seen.length) return view;
     const mean = (axis) => seen.reduce((sum, position) => sum + position[axis], 0) / seen.length;
     return view.centred(mean(0), mean(1));

@@ -7,6 +7,7 @@ export const DESK = {
   fence: { dash: [2, 4], width: 1.2 },
   place: { sizePx: 5, width: 1.5 },
   scalePx: 70,
+  north: { x: 24, y: 84, sizePx: 11 },
 };
 
 export const FIELD = {
@@ -15,5 +16,6 @@ export const FIELD = {
   fence: { dash: [10, 6], width: 3 },
   place: { sizePx: 8, width: 3 },
   scalePx: 100,
+  north: { x: 28, y: 40, sizePx: 15 },
   labels: (ctx, view, ink) => new Labels(ctx, view, ink), // that keep clear of each other
 };

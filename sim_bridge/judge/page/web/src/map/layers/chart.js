@@ -1,7 +1,8 @@
-// The operator's own map under the vehicles of the watched swarm.
+// The reader's own map under the vehicles.
 export const chart = {
   name: "chart",
   needs: ["chart", "plane"],
+  still: true,
 
   draw(ctx, view, data) {
     data.chart.draw(ctx, view, data.plane);

@@ -15,7 +15,7 @@ export const estimates = {
       if (!error || Number.isNaN(error.east_m[at.row])) return;
       const [east, north] = replay.place(k, at);
       const estimate = [east + error.east_m[at.row], north + error.north_m[at.row]];
-      ctx.strokeStyle = vehicleColour(k, replay.vehicles.length);
+      ctx.strokeStyle = vehicleColour(k);
       trace(ctx, view, [[east, north], estimate]);
       ctx.stroke();
       circle(ctx, view, estimate, 6);

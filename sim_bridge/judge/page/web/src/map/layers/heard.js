@@ -1,4 +1,5 @@
-// The vehicles of the watched swarm, as their beacons report them. Told apart by shape: the leader is a diamond, a ghost is hollow and dashed.
+// The vehicles of the watched swarm, as their beacons report them: each in its colour, the leader a diamond, a ghost hollow and dashed.
+import { textOn, vehicleColour } from "../../theme.js";
 import { FRESH_S, age, leads } from "../../../watch/picture.js";
 import { circle } from "../shapes.js";
 
@@ -24,20 +25,20 @@ function drawVehicle(ctx, view, one, { ink, labels, chosen }) {
   const fresh = one.age_s < FRESH_S;
   if (fresh && one.airborne) drawVelocity(ctx, view, one, ink);
   if (!one.place && one.leader_sd_m) drawUncertainty(ctx, view, one, ink);
-  drawMark(ctx, x, y, { fresh, chosen, leading: leads(one), ink });
+  const colour = vehicleColour(one.id - 1);
+  drawMark(ctx, x, y, { fresh, chosen, leading: leads(one), ink, colour });
   ctx.textAlign = "center";
-  ctx.fillStyle = fresh ? ink.ground : ink.ink;
+  ctx.fillStyle = fresh ? textOn(colour) : ink.ink;
   ctx.fillText(String(one.id), x, y + 1);
   if (!fresh) labels.write(`${age(one.age_s)} ago`, x + 22, y, "left");
 }
 
-function drawMark(ctx, x, y, { fresh, chosen, leading, ink }) {
+function drawMark(ctx, x, y, { fresh, chosen, leading, ink, colour }) {
   ctx.beginPath();
   if (leading) {
     for (const [dx, dy] of [[0, -19], [19, 0], [0, 19], [-19, 0]]) ctx.lineTo(x + dx, y + dy);
     ctx.closePath();
   } else ctx.arc(x, y, 14, 0, 2 * Math.PI);
-  const colour = leading ? ink.leader : ink.accent;
   const edge = fresh ? ink.ground : ink.alarm;
   ctx.fillStyle = fresh ? colour : ink.ground;
   ctx.fill();

@@ -1,4 +1,5 @@
 // The registry of layers, by name. A page's map lists those that it shows: map/flightmap.js, watch/watchmap.js.
+export { against } from "./against.js";
 export { areas } from "./areas.js";
 export { boxes } from "./boxes.js";
 export { chart } from "./chart.js";
@@ -10,6 +11,7 @@ export { following } from "./following.js";
 export { grid } from "./grid.js";
 export { heard } from "./heard.js";
 export { links } from "./links.js";
+export { north } from "./north.js";
 export { peerreports } from "./peerreports.js";
 export { places } from "./places.js";
 export { ranges } from "./ranges.js";

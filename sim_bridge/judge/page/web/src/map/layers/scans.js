@@ -14,7 +14,7 @@ export const scans = {
       const scan = replay.scanAt(k, at.row);
       if (!scan || scan.age > SCAN_ROWS) return;
       const [east, north] = replay.place(k, at);
-      ctx.strokeStyle = ctx.fillStyle = vehicleColour(k, replay.vehicles.length);
+      ctx.strokeStyle = ctx.fillStyle = vehicleColour(k);
       ctx.globalAlpha = 0.35;
       ctx.lineWidth = 1;
       ctx.beginPath();

@@ -16,7 +16,7 @@ export const tracks = {
 // From a row to now, every `stride` rows.
 export function drawTracks(ctx, view, { replay, at, selected }, { from, stride }) {
   replay.vehicles.forEach((one, k) => {
-    ctx.strokeStyle = vehicleColour(k, replay.vehicles.length);
+    ctx.strokeStyle = vehicleColour(k);
     ctx.globalAlpha = selected === null || selected === k ? 0.8 : 0.25;
     ctx.lineWidth = 1.6;
     ctx.beginPath();

@@ -18,7 +18,7 @@ export const vehicles = {
       const pen = { ctx, ink, x: view.x(east), y: view.y(north), size: count > 50 ? 5 : 7 };
       const [leads, chosen] = [k === leader, k === selected];
       drawMarks(pen, leads, chosen);
-      drawVehicle(pen, one, at.row, vehicleColour(k, count));
+      drawVehicle(pen, one, at.row, vehicleColour(k));
       if (count <= CROWD || leads || chosen) drawName(pen, leads ? `${k + 1} leads` : `${k + 1}`, leads);
     });
   },

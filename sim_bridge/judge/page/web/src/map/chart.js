@@ -1,4 +1,4 @@
-// What lies under the vehicles: tiles or one image, from the computer that watches. None of it: a grid.
+// What lies under the vehicles: tiles or one image.
 import { cornerOf, tileAt } from "./plane.js";
 
 const KEPT = 160; // tiles
@@ -6,16 +6,22 @@ const SHOWN = 80; // in one view; with more, coarser ones
 const MERCATOR_M = 156543.034; // for a pixel of a tile of 256, zoom 0, at the equator
 
 export class Chart {
-  constructor(about, changed) {
+  // `addressOf([zoom, x, y])`: of a tile, or undefined: there is none; `addressOf()`: of the one image.
+  constructor(about, addressOf, changed) {
     this.about = about;
+    this.addressOf = addressOf;
     this.changed = changed;
     this.tiles = new Map();
-    if (about.corners_deg) this.whole = this.load("/map/image");
+    this.loaded = 0; // pictures
+    if (about.corners_deg) this.whole = this.load(addressOf());
   }
 
   load(url) {
     const image = new Image();
-    image.onload = () => this.changed();
+    image.onload = () => {
+      this.loaded += 1;
+      this.changed();
+    };
     image.src = url;
     return image;
   }
@@ -52,10 +58,14 @@ export class Chart {
   }
 
   drawTile(ctx, view, plane, zoom, x, y) {
-    const key = `/map/${zoom}/${x}/${y}`;
+    const key = `${zoom}/${x}/${y}`;
     let tile = this.tiles.get(key);
     if (tile) this.tiles.delete(key); // and in again behind the others: the oldest goes first
-    else tile = this.load(key);
+    else {
+      const address = this.addressOf([zoom, x, y]);
+      if (!address) return;
+      tile = this.load(address);
+    }
     this.tiles.set(key, tile);
     if (this.tiles.size > KEPT) this.tiles.delete(this.tiles.keys().next().value);
     if (!tile.complete || !tile.naturalWidth) return;

@@ -1,0 +1,87 @@
+"""The signatures of manifests: which are checked, and when."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from companion.keys.crypto import Verifier
+from companion.mavlink.framing import wire
+from companion.mavlink.peers.guard import CHECKS_MAX
+from companion.mavlink.peers.stream import PROVEN_S
+from tests.unit.core.core_kit import beacon, lease
+from tests.unit.mavlink.signing_kit import PERIOD_S, Node, beacon_frame, exchange, guard, keyring, met, seed
+from tests.unit.mavlink.test_signing import forged
+
+
+def test_flood_of_manifests_costs_few_signatures() -> None:
+    (one, two), now_s = met(1, 2)
+    two.guard.refused.clear()
+    for k in range(1000):
+        message, payload = one.guard.proof(now_s + 5.0 + k) or (0, b"")
+        changed = payload[:-1] + bytes([payload[-1] ^ 1])
+        frame = one.guard.seal_proof(wire.frame(message, changed, seq=0, system=1, component=191, flags=1))
+        two.receive([frame], now_s + 5.0)
+    assert two.guard.refused == {"forged manifest": CHECKS_MAX, "too many manifests": 1000 - CHECKS_MAX}
+
+
+class CountingVerifier:
+    """Counts what it is asked."""
+
+    def __init__(self, public: bytes) -> None:
+        self.count = 0
+        self._verifier = Verifier(public)
+
+    def holds(self, signature: bytes, message: bytes) -> bool:
+        self.count += 1
+        return self._verifier.holds(signature, message)
+
+
+def counted(owner: int, of: int) -> tuple[Node, CountingVerifier]:
+    node = Node(owner)
+    verifier = node.guard._session.verifiers[of] = CountingVerifier(keyring(of).vehicles[of])
+    return node, verifier
+
+
+def test_manifests_that_tell_nothing_new_are_seldom_checked_and_news_at_once() -> None:
+    one, (two, verifier) = Node(1), counted(2, 1)
+    now_s = exchange([one, two], 100.0, 20)
+    verifier.count = 0
+    two.heard.clear()
+    now_s = exchange([one, two], now_s, 400)
+    assert 8 <= verifier.count <= 11  # of 40
+    assert {believed for _, believed in two.heard} == {True}
+    before = verifier.count
+    one.says = {"lease": lease(1, 9)}
+    now_s = exchange([one, two], now_s, 1)
+    assert verifier.count == before + 1
+    assert two.heard[-1] == (1, True)
+
+
+def test_manifest_that_was_put_off_is_checked_once_there_is_no_newer_one() -> None:
+    one, (two, verifier) = Node(1), counted(2, 1)
+    now_s = exchange([one, two], 100.0, 30)
+    verifier.count = 0
+    two.heard.clear()
+    for _ in range(80):  # 8 s without another manifest
+        two.receive(one.send(now_s)[:1], now_s)
+        now_s = round(now_s + PERIOD_S, 6)
+    believed = [whole for _, whole in two.heard]
+    assert verifier.count == 1
+    assert believed == sorted(believed, reverse=True)
+    assert PROVEN_S - 1.0 <= sum(believed) * PERIOD_S <= PROVEN_S + 0.1
+
+
+def test_forged_frame_is_disputed_though_a_forged_manifest_had_named_it() -> None:
+    """By a member that has the group's key, while the owner's manifests tell nothing new."""
+    (one, two), now_s = met(1, 2)
+    frame = forged(1, 1001, now_s)
+    forger = guard(1, boot=1001, ring=replace(keyring(1), seed=seed(3)))
+    forger.seal(beacon_frame(1), now_s, beacon(1))
+    message, payload = forger.proof(now_s + 0.001) or (0, b"")
+    two.receive([frame], now_s)
+    two.receive([forger.seal_proof(wire.frame(message, payload, seq=0, system=1, component=191, flags=1))], now_s)
+    began_s = now_s
+    while not two.texts and now_s - began_s < 3.0:
+        now_s = exchange([one, two], now_s, 1)
+    assert two.texts == ["somebody speaks as vehicle 1: it only slows"]
+    assert now_s - began_s <= 2.0
