@@ -19,6 +19,7 @@ from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.framing.frames import DATAGRAM_MAX_BYTES
 from companion.mavlink.harvest import RecordLink
 from companion.mavlink.makes import load_installed_makes
+from companion.mavlink.peers.session import Session
 from companion.preflight.report import Clearance, clearance
 from companion.sensors.table import SENSORS, kinds_of, sensors_of
 from companion.shell.box.opening import box_folder, open_black_box, read_mission_file
@@ -150,7 +151,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
             f"the mission has [survey], which needs {error.name}: in the checkout, pip install -e '.[survey]'",
         ) from None
     radio = _radio_keys(key, arguments, mission, opened)
-    records = _records(arguments, mission, opened, log)
+    records = _records(arguments, mission, opened, log, radio.session)
     needs = (SIGNING,) if arguments.sign_autopilot else ()
     cleared = clearance(
         arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time(), needs=needs
@@ -233,15 +234,19 @@ def _radio_keys(key: str | None, arguments: argparse.Namespace, mission: Mission
         ) from None
 
 
-def _records(arguments: argparse.Namespace, mission: Mission, opened: ExitStack, log: FlightLog) -> RecordLink | None:
-    """Of a mission that surveys."""
+def _records(
+    arguments: argparse.Namespace, mission: Mission, opened: ExitStack, log: FlightLog, session: Session | None
+) -> RecordLink | None:
+    """Of a mission that surveys. `session`: of a radio with keys."""
     if mission.survey is None:
         return None
     from companion.shell.records import records_of, records_path  # SQLite, which other flights need not keep
 
     path = records_path(arguments.records, arguments.log, mission, arguments.id)
     mission_file, beside_loop = Path(arguments.mission), arguments.clock == "monotonic"
-    records = records_of(mission, arguments.id, path, opened, mission_file=mission_file, beside_loop=beside_loop)
+    records = records_of(
+        *(mission, arguments.id, path, opened), mission_file=mission_file, beside_loop=beside_loop, session=session
+    )
     log.line(None, f"records in {path}: {records.progress()}")
     return records
 

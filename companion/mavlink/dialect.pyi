@@ -384,6 +384,8 @@ MAVLINK_MSG_ID_SWARM_RECORD_VECTOR: Final = 52104
 MAVLINK_MSG_ID_SWARM_RECORD: Final = 52105
 MAVLINK_MSG_ID_SWARM_ORDER: Final = 52106
 MAVLINK_MSG_ID_SWARM_MANIFEST: Final = 52107
+MAVLINK_MSG_ID_SWARM_SIGNED_RECORD: Final = 52108
+MAVLINK_MSG_ID_SWARM_BASE_VECTOR: Final = 52109
 class MAVLink_heartbeat_message(MAVLink_message):
     type: int
     autopilot: int
@@ -1094,6 +1096,26 @@ class MAVLink_swarm_manifest_message(MAVLink_message):
     ed25519: Sequence[int]
     def __init__(self, newest: int, boot: int, span: int, echoes: Sequence[int], macs: Sequence[int], ed25519: Sequence[int]) -> None: ...
     def pack(self, mav: MAVLink, force_mavlink1: bool=False) -> bytes: ...
+class MAVLink_swarm_signed_record_message(MAVLink_message):
+    made_usec: int
+    log_id: int
+    log_number: int
+    log_writer: int
+    record_kind: int
+    body_size: int
+    ed25519: Sequence[int]
+    record_body: Sequence[int]
+    def __init__(self, made_usec: int, log_id: int, log_number: int, log_writer: int, record_kind: int, body_size: int, ed25519: Sequence[int], record_body: Sequence[int]) -> None: ...
+    def pack(self, mav: MAVLink, force_mavlink1: bool=False) -> bytes: ...
+class MAVLink_swarm_base_vector_message(MAVLink_message):
+    told_count: int
+    base_epoch: int
+    mission_hash: int
+    node_flags: int
+    ed25519: Sequence[int]
+    log_entries: Sequence[int]
+    def __init__(self, told_count: int, base_epoch: int, mission_hash: int, node_flags: int, ed25519: Sequence[int], log_entries: Sequence[int]) -> None: ...
+    def pack(self, mav: MAVLink, force_mavlink1: bool=False) -> bytes: ...
 mavlink_map: dict[int, type[MAVLink_message]]
 class MAVError(Exception):
     message: str
@@ -1284,3 +1306,7 @@ class MAVLink:
     def swarm_order_send(self, order_counter: int, flight_nonce: Sequence[int], mission_digest: Sequence[int], order_version: int, order_kind: int, hand_back: int, order_signature: Sequence[int], boot_marks: Sequence[int], force_mavlink1: bool=False) -> None: ...
     def swarm_manifest_encode(self, newest: int, boot: int, span: int, echoes: Sequence[int], macs: Sequence[int], ed25519: Sequence[int]) -> MAVLink_swarm_manifest_message: ...
     def swarm_manifest_send(self, newest: int, boot: int, span: int, echoes: Sequence[int], macs: Sequence[int], ed25519: Sequence[int], force_mavlink1: bool=False) -> None: ...
+    def swarm_signed_record_encode(self, made_usec: int, log_id: int, log_number: int, log_writer: int, record_kind: int, body_size: int, ed25519: Sequence[int], record_body: Sequence[int]) -> MAVLink_swarm_signed_record_message: ...
+    def swarm_signed_record_send(self, made_usec: int, log_id: int, log_number: int, log_writer: int, record_kind: int, body_size: int, ed25519: Sequence[int], record_body: Sequence[int], force_mavlink1: bool=False) -> None: ...
+    def swarm_base_vector_encode(self, told_count: int, base_epoch: int, mission_hash: int, node_flags: int, ed25519: Sequence[int], log_entries: Sequence[int]) -> MAVLink_swarm_base_vector_message: ...
+    def swarm_base_vector_send(self, told_count: int, base_epoch: int, mission_hash: int, node_flags: int, ed25519: Sequence[int], log_entries: Sequence[int], force_mavlink1: bool=False) -> None: ...

@@ -74,7 +74,7 @@ def stored(records, path: Path) -> Path:
             "kind INTEGER NOT NULL, made_s REAL NOT NULL, body BLOB NOT NULL, "
             "PRIMARY KEY (vehicle_id, log_id, number)) WITHOUT ROWID"
         )
-        database.executemany("INSERT INTO record VALUES (?, ?, ?, ?, ?, ?)", records)
+        database.executemany("INSERT INTO record VALUES (?, ?, ?, ?, ?, ?)", [record[:6] for record in records])
     database.close()
     return path
 
