@@ -11,7 +11,7 @@ DEV_READY := $(VENV)/.ready-dev
 MISSION ?= mission/examples/lone_tree.toml
 FLY ?=
 
-.PHONY: help install pure fly test fuzz taken-out mutants coverage check bench referees other-simulators conformance table1 bundle board-test docs dialect page page-check lock clean
+.PHONY: help install pure fly test fuzz taken-out mutants coverage check bench referees other-simulators conformance table1 bundle board-test docs dialect page page-check site site-parts site-check lock clean
 
 help:
 	@echo "make fly      set everything up, fly 8 vehicles to a tree     (MISSION=... FLY='-n 4 --seed 2')"
@@ -34,6 +34,8 @@ help:
 	@echo "make docs     generate the reference from the code"
 	@echo "make page     build the pages of replay and companion watch anew (npm)"
 	@echo "make page-check  lint and unit tests of the pages; are the committed ones what their sources build to (npm)"
+	@echo "make site     the documentation as static pages, with a swarm that flies in the browser: dist/site (npm, node)"
+	@echo "make site-check  the same, and what its page flies, in Chromium, beside the same flight without a browser"
 	@echo "make dialect  generate what is made of companion/mavlink/schema"
 	@echo "make lock     resolve requirements*.lock anew"
 
@@ -174,18 +176,43 @@ page:
 page-check:
 	cd $(WEB) && npm ci && npm run lint && npm test && npm run check
 
+# The pages' generator in an environment of its own.
+SITE := .venv-site
+
+$(SITE)/.ready: website/site.lock
+	@echo "installing the site's generator into $(SITE): some seconds, once"
+	@$(PYTHON) -m venv $(SITE)
+	@$(SITE)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r $<
+	@touch $@
+
+build/site-wheels/.ready: website/browser.lock $(READY)
+	$(BIN)/python -m website.build --fetch
+	@touch $@
+
+# What a site is built of, and comes over a network.
+site-parts: $(READY) $(SITE)/.ready build/site-wheels/.ready
+	cd website && npm ci
+
+site: site-parts
+	$(BIN)/python -m website.build dist/site --zensical $(abspath $(SITE))/bin/zensical
+
+site-check: site $(DEV_READY)
+	SITE=$(abspath dist/site) $(BIN)/python -m pytest tests/site
+
 COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --generate-hashes --no-strip-extras --quiet --no-emit-index-url \
   --custom-compile-command 'make lock'
 
 # Without rerun, whose 250 MB one test wants, which is skipped where they are not.
-DEV_EXTRAS := sim cluster pandas ros2 build dev
+DEV_EXTRAS := sim edit cluster pandas ros2 zenoh build dev
 
 lock: $(DEV_READY)
-	$(COMPILE) pyproject.toml --extra sim --extra build -o requirements.lock
+	$(COMPILE) pyproject.toml --extra sim --extra edit --extra build -o requirements.lock
 	$(COMPILE) pyproject.toml --extra survey companion/board/installer.in -c requirements.lock -o requirements-board.lock
 	$(COMPILE) pyproject.toml $(DEV_EXTRAS:%=--extra %) -c requirements.lock -o requirements-dev.lock
 	for simulator in $(OTHER_SIMULATORS); do $(COMPILE) tests/bench/other_simulators/$$simulator.in -o tests/bench/other_simulators/$$simulator.lock; done
+	$(COMPILE) website/site.in -o website/site.lock
+	$(BIN)/python -m website.build --lock
 	$(COMPILE) tests/mutants/mutmut.in -c requirements-dev.lock -o tests/mutants/mutmut.lock
 
 clean: pure
-	rm -rf $(VENV) .venv-other-simulators $(MUTANTS) $(WEB)/node_modules build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) .venv-other-simulators $(MUTANTS) $(SITE) $(WEB)/node_modules website/node_modules build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -102,7 +102,7 @@ def downloaded(lock: str, cache: Path) -> Path:
 
 
 def lock_of(lock: str, python: str, machine: str) -> str:
-    """What of the lock is for one target: pip reads conditions for the Python that runs here. BundleError."""
+    """The part of the lock for one target: pip reads conditions for the Python that runs here. BundleError."""
     names = {
         "implementation_name": "cpython",
         "os_name": "posix",

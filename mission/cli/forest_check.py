@@ -50,7 +50,7 @@ def check(args: argparse.Namespace) -> int:
 
 def _judged(file: str, mission_file: str | None) -> tuple[Figures | None, tuple[str, ...]]:
     """The figures of a stand, None for one without trees, and what is to be known of it."""
-    from mission.cli.forest_notes import notes_of
+    from mission.check.forest_notes import notes_of
     from mission.stand.figures import area_of, figures_of
 
     stand, mission, stems = _load_stand(file, mission_file)

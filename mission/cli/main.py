@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 
 from mission import __version__
-from mission.cli import forest, plan
+from mission.cli import edit, forest, plan
 from mission.common.command_line import Parser, add_examples
 from mission.common.compiled import STATE
 from mission.common.completion import add_print_completion
@@ -52,6 +52,7 @@ and as the first line of the mission file:
 
 _EXAMPLES = {
     "check": ("mission check my.toml", "mission check --json mission/examples/*.toml"),
+    "edit": ("mission edit my.toml --open", "mission edit new.toml --stems stems.csv --open"),
     "schema": ("mission schema > mission.schema.json", "mission schema | less"),
     "forest make": (
         "mission forest make --mission natural_stand.toml --seed 7 --out stems.csv",
@@ -97,6 +98,7 @@ def build_parser() -> argparse.ArgumentParser:
         formatter_class=raw,
         allow_abbrev=False,
     )
+    edit.add_parser(commands)
     forest.add_parser(commands)
     plan.add_parsers(commands)
     add_examples(parser, _EXAMPLES)
@@ -132,6 +134,8 @@ def _run(arguments: argparse.Namespace) -> int:
 
             print(json.dumps(json_schema(Mission), indent=2))
             return EXIT_DONE
+        case "edit":
+            return edit.run(arguments)
         case "forest":
             return forest.run(arguments)
         case "import":

@@ -1,4 +1,4 @@
-"""Files of mode 0600 that are as they were, or as they are to be, whenever the power fails."""
+"""Files that are as they were, or as they are to be, whenever the power fails."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ import os
 from pathlib import Path
 
 
-def replace_file(path: Path, data: bytes) -> None:
+def replace_file(path: Path, data: bytes, *, mode: int | None = None) -> None:
     """`data` in place of what `path` holds. It is there for good once its folder is synchronised, too.
 
+    mode: its permissions, where the file system has any; None: 0600.
     OSError: the file is as it was. What an interrupted one has left beside it is taken away.
     """
     part = path.with_name(f".{path.name}.new")
@@ -21,6 +22,9 @@ def replace_file(path: Path, data: bytes) -> None:
             left = memoryview(data)
             while left:
                 left = left[os.write(fd, left) :]
+            if mode is not None:
+                with contextlib.suppress(PermissionError):  # FAT keeps none
+                    os.fchmod(fd, mode)
             os.fsync(fd)
         finally:
             os.close(fd)

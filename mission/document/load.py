@@ -11,7 +11,7 @@ import os
 import re
 import tomllib
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from mission.common.files import MAX_PLACE_CHARS, decoded, read_bytes, refused
 from mission.common.problems import MissionError, Path, Problem, printable
@@ -24,6 +24,7 @@ from mission.schema.check import LineOf, validated
 __all__ = [
     "MAX_FILE_BYTES",
     "MAX_PLACE_CHARS",
+    "Document",
     "MissionError",
     "Problem",
     "dump_mission",
@@ -39,6 +40,14 @@ _TOML_PLACE = re.compile(r"(?s)(.*) \(at (?:line (\d+), column (\d+)|end of docu
 _ENDLESS_NUMBER = re.compile(r"[0-9][0-9_]{4000}")  # Python refuses to read an integer of more than 4300 digits
 
 
+class Document(NamedTuple):
+    """A file's values, its name, and where each key stands: what `validated` takes."""
+
+    values: dict[str, Any]
+    place: str
+    line_of: LineOf
+
+
 def load_mission(path: str | os.PathLike[str]) -> Mission:
     """The mission in the TOML file `path`, or MissionError with every problem of the file."""
     return load_with_source(path)[0]
@@ -51,13 +60,18 @@ def load_with_source(path: str | os.PathLike[str]) -> tuple[Mission, bytes]:
     return validated(Mission, *_decode(data, place, path)), data
 
 
-def load_document(path: str | os.PathLike[str]) -> tuple[dict[str, Any], str, LineOf]:
-    """The values of any TOML file of ours, its name, and where each key stands: what `validated` takes."""
+def load_document(path: str | os.PathLike[str]) -> Document:
+    """Of any TOML file of ours. MissionError."""
     place = printable(os.fsdecode(path), MAX_PLACE_CHARS)
     return _decode(read_bytes(path, place, MAX_FILE_BYTES), place, path)
 
 
-def _decode(data: bytes, place: str, path: str | os.PathLike[str]) -> tuple[dict[str, Any], str, LineOf]:
+def parse_document(text: str, path: str | os.PathLike[str]) -> Document:
+    """Of what is to stand in the file `path`, beside which its stem map is. MissionError."""
+    return _parse(text, printable(os.fsdecode(path), MAX_PLACE_CHARS), os.path.dirname(os.fsdecode(path)))
+
+
+def _decode(data: bytes, place: str, path: str | os.PathLike[str]) -> Document:
     return _parse(decoded(data, place), place, os.path.dirname(os.fsdecode(path)))
 
 
@@ -72,12 +86,12 @@ def parse_mission(text: str, place: str = "mission") -> Mission:
     return validated(Mission, *_parse(text, place))
 
 
-def _parse(text: str, place: str, folder: str | None = None) -> tuple[dict[str, Any], str, LineOf]:
+def _parse(text: str, place: str, folder: str | None = None) -> Document:
     try:
         lines = locate(text)
     except TooMuchError as error:
         raise refused(place, error.line, str(error)) from None
-    values = _toml_values(text, place)
+    values = parse_toml(text, place)
     rename_keys(values, lines, place)
     place_trees(values, lines, place, folder)
 
@@ -86,7 +100,7 @@ def _parse(text: str, place: str, folder: str | None = None) -> tuple[dict[str, 
             path = path[:-1]
         return lines.get(path, 1)
 
-    return values, place, line_of
+    return Document(values, place, line_of)
 
 
 def dump_mission(mission: Mission, *, all_keys: bool = True) -> str:
@@ -134,7 +148,8 @@ def _pairs(table: Mapping[str, Any]) -> str:
     )
 
 
-def _toml_values(text: str, place: str) -> dict[str, Any]:
+def parse_toml(text: str, place: str) -> dict[str, Any]:
+    """Values of any TOML document. MissionError names the line, and `place` as the file."""
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -42,7 +42,7 @@ def place_trees(
         return
     from mission.stems.stem_map import read_stems  # csv, json: only for missions that name trees
 
-    stems = read_stems(FilePath(folder, file), origin=_origin(values))
+    stems = read_stems(FilePath(folder, file), origin=origin_of(values))
     problems = []
     for tree, point in wanted.items():
         stem = find_stem(stems, route[tree])
@@ -92,7 +92,8 @@ def _problem(route: Mapping[str, Any], tree: str, lines: Mapping[Path, int], pla
     return Problem(place, lines.get(("route", tree)), f"route.{tree}", shown(route[tree]), message)
 
 
-def _origin(values: Mapping[str, Any]) -> Wgs84 | None:
+def origin_of(values: Mapping[str, Any]) -> Wgs84 | None:
+    """Place on Earth of a document's frame; None: it does not say, or not well."""
     try:
         return Origin.model_validate(values["origin"]).wgs84
     except (KeyError, ValidationError):

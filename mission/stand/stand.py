@@ -106,7 +106,7 @@ def stand_of(mission: Mission, folder: str | os.PathLike[str] | None = None) -> 
     one at d2 that is too thick.
     """
     forest = mission.forest
-    trees = [_alone(tree) for tree in forest.trees]
+    trees = [alone(tree) for tree in forest.trees]
     bushes: tuple[StandTree, ...] = ()
     if forest.stand is not None:
         grown = generate_stand(mission, forest.stand, trees)
@@ -170,7 +170,7 @@ def _is_ringed(mission: Mission, tree: StandTree) -> bool:
     return placement_radius_m(mission) - off_m - tree.radius_m >= trunk_clearance_m(mission)
 
 
-def _alone(tree: Tree) -> StandTree:
+def alone(tree: Tree) -> StandTree:
     """A trunk of `[[forest.trees]]`: it has no crown."""
     east_m, north_m = tree.base_enu_m
     return StandTree(east_m, north_m, tree.trunk_radius_m, tree.height_m, tree.height_m, tree.trunk_radius_m)

@@ -30,14 +30,17 @@ from sim_bridge.drive.live.audience import LOOK_S, is_attended, stay
 from sim_bridge.drive.live.live import CONTROLS, Live
 from sim_bridge.drive.live.map import Map
 from sim_bridge.drive.live.pace import Pace
+from sim_bridge.drive.live.ros2_open import check_options, open_topics
 from sim_bridge.drive.lockstep.fleet_keys import FleetKeys
 from sim_bridge.errors import StartError
 from sim_bridge.judge import page
 from sim_bridge.judge.outcome import Outcome, describe_end, present, write_page
 from sim_bridge.judge.progress import Progress
+from sim_bridge.world.airframe.point_mass import point_mass_airframes
 from sim_bridge.world.world import DEFAULT_ORIGIN
 
 PROCESSES, IN_PROCESS = "processes", "in-process"
+POINT_MASS = "point-mass"
 
 
 def run(args: argparse.Namespace) -> int:
@@ -49,6 +52,7 @@ def run(args: argparse.Namespace) -> int:
     if args.signed and external is not None:
         raise StartError("--signed: flies in the bridge alone, not over --autopilots", EXIT_BAD_FILE)
     mission, original = _mission(args, external)
+    check_options(args, mission)
     interrupt_once()
     if args.stay is None:
         args.stay = is_attended()
@@ -64,14 +68,14 @@ def run(args: argparse.Namespace) -> int:
             stack.callback(map_.close)
         with Progress(sys.stderr) as progress:
             _announce(args, mission, title, map_, entrant, progress)
-            if external is None:
-                outcome = _fly(args, mission, folder, progress, title, map_, entrant)
-            else:
-                try:
+            try:
+                if external is None:
+                    outcome = _fly(args, mission, folder, progress, title, map_, entrant)
+                else:
                     outcome = fly_external(mission, external, folder, progress, map_)
-                except StartError:
-                    _leave_nothing(folder, mission.forest.file)
-                    raise
+            except StartError:
+                _leave_nothing(folder, mission.forest.file)
+                raise
             if mission.survey is not None:
                 from sim_bridge.drive.stand_files import write_stand  # numpy's and scipy's parts that only it needs
 
@@ -126,6 +130,8 @@ def _announce(
             progress.event(0.0, line)
         if args.open and not page.show(map_.urls[0]):
             progress.event(0.0, "no display here: open the address in a browser that reaches this computer")
+    if args.airframe == POINT_MASS:
+        progress.event(0.0, "point masses: no flight dynamics, still air")
     if mission.flies_blind:
         progress.event(0.0, "no [sensing]: vehicles do not see the forest")
     if not entrant.is_ours:
@@ -145,17 +151,20 @@ def _fly(
     mission = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
     look_s = LOOK_S if args.stay else 0.0
     live = None if map_ is None else Live(map_, Pace(args.speed), title, look_s)
-    return fly(
-        mission,
-        folder,
-        progress,
-        in_process=args.agents == IN_PROCESS,
-        factor=args.speed,
-        live=live,
-        entrant=entrant,
-        keys=FleetKeys(mission) if args.signed else None,
-        black_box=args.black_box,
-    )
+    with contextlib.ExitStack() as stack:
+        return fly(
+            mission,
+            folder,
+            progress,
+            in_process=args.agents == IN_PROCESS,
+            factor=args.speed,
+            airframes=point_mass_airframes(mission) if args.airframe == POINT_MASS else None,
+            watch=open_topics(args, mission, stack),
+            live=live,
+            entrant=entrant,
+            keys=FleetKeys(mission) if args.signed else None,
+            black_box=args.black_box,
+        )
 
 
 def _leave_nothing(folder: Path, stems: str | None) -> None:
@@ -177,6 +186,8 @@ def _external(args: argparse.Namespace) -> ExternalAutopilots | None:
         if args.launch is not None or args.first_port is not None:
             raise StartError("--launch and --first-port want --autopilots", EXIT_BAD_FILE)
         return None
+    if args.airframe is not None:
+        raise StartError("--airframe: is of simulated vehicles, not of --autopilots", EXIT_BAD_FILE)
     if args.speed is not None or args.agents == IN_PROCESS:
         raise StartError("--autopilots: flies in real time, with agents as processes", EXIT_BAD_FILE)
     if args.first_port is not None and not 1 <= args.first_port <= PORT_MAX:

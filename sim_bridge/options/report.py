@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 PAGE_NAME = "report.html"
+BOXES_NAME = "black-box"  # folder of a run folder
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -96,7 +96,8 @@ class Radio:
             now_s = self._free_s = begin_s + (len(frame) + OVERHEAD_BYTES) * 8.0 / self._bits_per_s
         # One draw per possible receiver, so that one radio's place does not change what another loses.
         losses = rng.random(MAX_RECEIVERS).tolist() if self._loss > 0.0 else None
-        delays_s = (rng.random(MAX_RECEIVERS) * (2.0 * self._delay_s)).tolist() if self._delay_s > 0.0 else None
+        longest_s = 2.0 * self._delay_s
+        delays_s = [draw * longest_s for draw in rng.random(MAX_RECEIVERS).tolist()] if self._delay_s > 0.0 else None
         own_range_m = self._ranges_m[sender]
         for receiver, there in self._positions.items():  # written out: for each frame, every radio there is
             range_m = self._ranges_m[receiver]

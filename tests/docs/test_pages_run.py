@@ -184,7 +184,7 @@ def test_make_fly_flies_what_is_flown_in_its_place() -> None:
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     (recipe,) = re.findall(r"^\t\$\(BIN\)/(sim-bridge fly .*)$", makefile, re.MULTILINE)
     (mission,) = re.findall(r"^MISSION \?= (.*)$", makefile, re.MULTILINE)
-    assert recipe.replace("$(MISSION)", mission).replace(" $(FLY)", "") == FLIGHT
+    assert recipe.replace("$(MISSION)", mission).replace(" --open $(FLY)", "") == FLIGHT
 
 
 def test_programs_of_others_that_the_tutorial_installs_are_those_of_the_tests() -> None:

@@ -60,6 +60,11 @@ def sim_bridge(*args: str, **environment: str) -> subprocess.CompletedProcess[st
         (["fly", str(EXAMPLE), "--stop", "2@30"], 2, "--stop 2@30: must be VEHICLES@WHEN:SECONDS, as 2@30:3"),
         (["fly", str(EXAMPLE), "-n", "4", "--kill", "5@9"], 2, "--kill 5@9: sim.faults[0].vehicles = [5]: has no veh"),
         (["fly", str(EXAMPLE), "--out", str(EXAMPLE.parent)], 2, "is not an empty folder"),
+        (
+            ["fly", str(EXAMPLE), "--airframe", "point-mass", "--autopilots", "udpin://127.0.0.1:0"],
+            2,
+            "--airframe: is of simulated vehicles",
+        ),
         (["report", str(EXAMPLE.parent)], 2, "must be the folder of a flight"),
         ([], 2, "COMMAND"),
     ],
@@ -77,7 +82,7 @@ def test_missing_library_is_named_with_what_to_install(missing: str, tmp_path: P
     done = sim_bridge("fly", str(EXAMPLE), "--out", str(tmp_path / "run"), PYTHONPATH=str(tmp_path))
     assert done.returncode == 3
     assert missing in done.stderr
-    assert "in the checkout, pip install '.[sim]'" in done.stderr
+    assert "in the checkout, pip install -e '.[sim]'" in done.stderr
     assert "Traceback" not in done.stderr
 
 
@@ -94,6 +99,18 @@ def test_flight_is_reported_as_json_and_in_its_folder(tmp_path: Path) -> None:
     assert (again.returncode, again.stderr) == (0, "")
     assert json.loads(again.stdout).items() <= figures.items()
     assert json.loads(again.stdout)["verdict"] == "ARRIVED"
+
+
+def test_point_masses_fly_a_mission_and_it_is_said(tmp_path: Path) -> None:
+    hashes = {}
+    for body in ("point-mass", "jsbsim"):
+        run = tmp_path / body
+        asked = ("--airframe", body, "--agents", "in-process", "--out", str(run), "--json")
+        done = sim_bridge("fly", str(one(tmp_path)), *asked)
+        assert done.returncode == 0, done.stderr
+        assert ("point masses: no flight dynamics, still air" in done.stderr) == (body == "point-mass")
+        hashes[body] = json.loads(done.stdout)["trace_hash"]
+    assert hashes["point-mass"] != hashes["jsbsim"]
 
 
 @pytest.mark.parametrize("redirection", ["2>/dev/full", "2>&-", "2> >(exec true)"])

@@ -107,6 +107,10 @@ class Browser:
         """Look into the page's frame of that number, from 0: `wait` and `run` are in there from now on."""
         self._call("POST", f"{self._session}/frame", {"id": number})
 
+    def out_of_frame(self) -> None:
+        """Look at the page itself again."""
+        self._call("POST", f"{self._session}/frame", {"id": None})
+
     def wait(self, condition: str) -> None:
         """Until a JavaScript expression is true. TimeoutError, a WebDriver error, after WAIT_S."""
         script = (

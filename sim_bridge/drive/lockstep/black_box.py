@@ -13,12 +13,13 @@ from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.harvest import RecordLink
 from companion.mavlink.orders.book import OrderBook
 from companion.mavlink.peers.guard import Guard
-from companion.sensors.table import SENSORS
+from companion.sensors.table import kinds_of
 from mission.document.load import dump_mission
 from mission.document.model import Mission
-from sim_bridge.judge.page.black_boxes import FOLDER_NAME as FOLDER_NAME
+from sim_bridge.options.report import BOXES_NAME
 
 MakesBox = Callable[[int, Guard | None, OrderBook | None], "SimulatedBox | None"]
+FOLDER_NAME: Final = BOXES_NAME
 WAIVED: Final = "all"  # as `--waive all` of a companion that is a process
 
 
@@ -42,7 +43,7 @@ class SimulatedBox:
             mission_file,
             hashlib.sha256(mission_file.encode()).hexdigest(),
             vehicle_id,
-            sensors=[name for name, kind in SENSORS.items() if kind.is_flown(mission)],
+            sensors=list(kinds_of(mission)),
             clock="simulated",
             has_survey=mission.survey is not None,
             has_records=mission.survey is not None,

@@ -10,8 +10,9 @@ from typing import Final
 
 from companion.journal.reading import BlackBoxError, Flight, find_flights
 from companion.journal.summary import Summary, summarise_flight
+from sim_bridge.options.report import BOXES_NAME
 
-FOLDER_NAME: Final = "black-box"  # of a run folder
+FOLDER_NAME: Final = BOXES_NAME
 Box = tuple[Flight, Summary]
 
 _HEAD = "<tr><th>vehicle</th><th>flight</th><th>what</th><th>how much</th><th>at most</th><th>over its time</th></tr>"

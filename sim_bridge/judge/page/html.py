@@ -11,6 +11,7 @@ from sim_bridge.judge.page.coding import pack
 
 BUNDLE: Final = Path(__file__).parent / "bundle"  # what `npm run build` makes of web/
 STREAM: Final = "live"  # of a live page, relative to it
+AROUND: Final = "around"  # instead: a page that frames this one sends, over a channel that it is handed
 # The browser itself refuses any request: the page's own scripts and styles are in it.
 POLICY: Final = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'; "
@@ -27,9 +28,13 @@ def page(document: dict[str, Any], title: str, below: str = "") -> str:
     return _page(title, policy, f'{below}<script type="text/plain" id="data">{pack(document)}</script>')
 
 
-def live_page(title: str) -> str:
-    """Of a flight under way: docs/reference/live.md describes its stream. To be sent with `live_policy`."""
-    return _page(title, "", f'<script type="text/plain" id="data" data-stream="{STREAM}"></script>')
+def live_page(title: str, stream: str = STREAM) -> str:
+    """Of a flight under way: docs/reference/live.md describes its stream. To be sent with `live_policy`.
+
+    `stream`: AROUND for a page that another one frames, and sends to.
+    """
+    policy = f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">' if stream == AROUND else ""
+    return _page(title, policy, f'<script type="text/plain" id="data" data-stream="{stream}"></script>')
 
 
 def live_policy(host: str) -> str:

@@ -113,7 +113,7 @@ def head(mission: Mission, stand: Stand, title: str) -> dict[str, Any]:
         "made_by": f"understory {__version__}",
         "title": title,
         "seed": mission.sim.seed,
-        "mission": _mission(mission),
+        "mission": mission_values(mission),
         "mission_toml": dump_mission(mission),
         "stand": _stand_values(stand),
     }
@@ -137,7 +137,7 @@ def body(
     }
 
 
-def _mission(mission: Mission) -> dict[str, Any]:
+def mission_values(mission: Mission) -> dict[str, Any]:
     """The mission as the page draws it."""
     route, coverage, fence = mission.route, mission.coverage, mission.fence
     names = ["d1", *[f"stop {k}" for k in range(1, len(route.stops) + 1)], "d2"]

@@ -6,7 +6,8 @@ import math
 from typing import Final
 
 from mission.common.frames import Vec3
-from mission.document.model import Drag
+from mission.document.model import Drag, Mission
+from sim_bridge.world.airframe.base import AirframeFactory
 from sim_bridge.world.airframe.drag import SIH_DOWN_I, SIH_DOWN_P, SIH_DRAG_PER_S, SIH_LEVEL_I, SIH_LEVEL_P
 from sim_bridge.world.airframe.state import AirframeState
 
@@ -140,6 +141,12 @@ class PointMass:
         """The short way round, at most YAW_RATE_MAX_RADPS."""
         rate_radps = math.remainder(self._cmd_yaw_rad - yaw_rad, math.tau) / dt_s
         return max(-YAW_RATE_MAX_RADPS, min(YAW_RATE_MAX_RADPS, rate_radps))
+
+
+def point_mass_airframes(mission: Mission) -> AirframeFactory:
+    """Point masses with the mission's drag, in still air."""
+    drag = mission.sim.drag
+    return lambda _frame, pos_ned_m, _seed: PointMass(pos_ned_m, 0.0, drag=drag, ground_down_m=pos_ned_m[2])
 
 
 class _Shortfall:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from companion.mavlink import dialect
 from companion.mavlink.framing import wire
@@ -19,7 +18,6 @@ from mission.document.model import Mission, ScansVia, Sensing
 from mission.schema.kinds import SECTORS_SD_M, SensorClass
 from mission.stand.stand import Stand
 from sim_bridge.world.airframe.state import AirframeState
-from sim_bridge.world.sensors.box_scan import nearest_box_m
 from sim_bridge.world.sensors.scan import SECTORS, STEP_RAD, Cylinder, nearest_m
 from sim_bridge.world.sensors.scene import Scene
 from sim_bridge.world.sensors.simulated import SimulatedSensor
@@ -61,8 +59,8 @@ class Lidar:
         self._turns = 0
         self._begin_s = self._next_s
         half_rad = math.radians(sensing.field_of_view_deg) / 2.0
-        bearing = np.remainder(np.arange(SECTORS) * STEP_RAD + math.pi, math.tau) - math.pi
-        self._blind: NDArray[np.bool_] = np.abs(bearing) > half_rad + EPSILON_S
+        bearings = [math.fmod(sector * STEP_RAD + math.pi, math.tau) - math.pi for sector in range(SECTORS)]
+        self._blind = [abs(bearing) > half_rad + EPSILON_S for bearing in bearings]
         self._under_way: deque[Scan] = deque()
 
     def set_errors(self, noise_m: float, delay_s: float) -> None:
@@ -88,19 +86,27 @@ class Lidar:
         north_m, east_m, down_m = state.pos_ned_m
         eye = (north_m, east_m, down_m - MOUNTED_UP_M)
         standing = [*self._scene.around(eye), *bodies(eye, others_ned_m, self._body_m, self._max_m)]
-        seen = np.array(nearest_m(eye, state.attitude_rad, standing, self._scene.ground(eye), self._max_m))
+        seen_m = nearest_m(eye, state.attitude_rad, standing, self._scene.ground(eye), self._max_m)
         if self._scene.has_boxes:
-            blocks = [(box, self._scene.top_up_m(box)) for box in self._scene.boxes_around(eye)]
-            seen = np.minimum(seen, nearest_box_m(eye, state.attitude_rad, blocks, self._max_m))
-        return Scan(now_s, self._spoilt(seen), RANGE_MIN_M, self._max_m)
+            from sim_bridge.world.sensors.box_scan import nearest_box_m  # arrays, which few stands need
 
-    def _spoilt(self, seen_m: NDArray[np.float64]) -> tuple[float, ...]:
+            blocks = [(box, self._scene.top_up_m(box)) for box in self._scene.boxes_around(eye)]
+            seen_m = np.minimum(seen_m, nearest_box_m(eye, state.attitude_rad, blocks, self._max_m)).tolist()
+        return Scan(now_s, self._spoilt(seen_m), RANGE_MIN_M, self._max_m)
+
+    def _spoilt(self, seen_m: Sequence[float]) -> tuple[float, ...]:
         """`seen_m` (72,) as it is told: with noise, without the sectors that were missed or are out of view."""
-        noise_m = self._noise_m * self._rng.standard_normal(SECTORS)
-        missed = self._rng.random(SECTORS) < self._errors.dropout
-        told = np.where(np.isfinite(seen_m), np.clip(seen_m + noise_m, RANGE_MIN_M, self._max_m), seen_m)
-        told[missed | self._blind] = np.nan
-        return tuple(told.tolist())
+        draws = self._rng.standard_normal(SECTORS).tolist()
+        misses = self._rng.random(SECTORS).tolist()
+        told_m = []
+        for range_m, draw, miss, blind in zip(seen_m, draws, misses, self._blind, strict=True):
+            if blind or miss < self._errors.dropout:
+                told_m.append(math.nan)
+            elif math.isfinite(range_m):
+                told_m.append(min(max(range_m + self._noise_m * draw, RANGE_MIN_M), self._max_m))
+            else:
+                told_m.append(range_m)
+        return tuple(told_m)
 
 
 class Driver:

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from mission.cli.forest_notes import widest_way_m
+from mission.check.forest_notes import widest_way_m
 from mission.schema.boxes import box_of
 from mission.stand.stand import stand_of
 from tests.referees.referee import Case, with_section

@@ -20,7 +20,7 @@ from sim_bridge.lab.study.backends.base import FlightBackend
 from sim_bridge.lab.study.backends.point_mass import vehicle_seconds
 from sim_bridge.lab.study.case import MissionCase
 from sim_bridge.lab.study.forest import flight as among_trees
-from sim_bridge.world.airframe.point_mass import PointMass
+from sim_bridge.world.airframe.point_mass import point_mass_airframes
 from sim_bridge.world.world import DEFAULT_ORIGIN
 
 COST_S, COST_JSBSIM_S = 0.6, 1.0  # of a vehicle-second, relatively
@@ -74,13 +74,7 @@ def fly_stack(
     """
     if mission.origin is None:
         mission = mission.with_origin(DEFAULT_ORIGIN)
-    airframes = (
-        None
-        if on_jsbsim
-        else lambda _frame, pos_ned_m, _seed: PointMass(
-            pos_ned_m, 0.0, drag=mission.sim.drag, ground_down_m=pos_ned_m[2]
-        )
-    )
+    airframes = None if on_jsbsim else point_mass_airframes(mission)
     keys = FleetKeys(mission) if signed else None
     with Progress(io.StringIO()) as progress:
         return fly.fly(

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from mission.cli.forest_notes import notes_of, widest_way_m
+from mission.check.forest_notes import notes_of, widest_way_m
 from mission.stand.stand import Stand, StandTree
 from tests.unit.mission.stand_kit import mission_with, trunk
 

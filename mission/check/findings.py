@@ -1,0 +1,147 @@
+"""A mission's document, checked as a whole: what `mission check` says of it, and `mission edit` beside its fields."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mission.common.problems import MissionError, Problem
+from mission.document import simulator
+from mission.document.airtime import find_short_batteries
+from mission.document.barometer import find_lacking_room
+from mission.document.height_layers import APART_M, LIMIT_M, list_layers
+from mission.document.load import Document
+from mission.document.model import Mission
+from mission.rules.survey_rules import cut_distances_m
+from mission.schema.check import validated
+from mission.schema.sim import OdometryErrors, RangingErrors, Sky
+from mission.schema.tables import Swarm
+
+if TYPE_CHECKING:
+    from mission.stand.stand import Stand
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """A good mission, and what there is to say of it.
+
+    beyond: what the simulated vehicles cannot fly of it; without [origin] that is refused. stand: its stem map's or its
+    generated one; None where it has neither, or its map is not there.
+    """
+
+    mission: Mission
+    beyond: tuple[Problem, ...]
+    notes: tuple[str, ...]
+    stand: Stand | None
+
+
+def check_document(document: Document, path: str | os.PathLike[str]) -> Findings:
+    """Findings about the document of the file `path`, beside which its stem map is. MissionError with every problem."""
+    mission = validated(Mission, *document)
+    values, place, line_of = document
+    beyond = simulator.problems(mission, place, values, line_of)
+    if beyond and mission.origin is None:
+        raise MissionError(beyond)
+    stand, absent, notes = _check_stand(mission, document, path)
+    lacking = find_lacking_room(mission)
+    notes = [
+        *find_short_batteries(mission),
+        *_idle(mission),
+        *_layers(mission),
+        *_survey(mission),
+        *_sensors(mission),
+        *([lacking] if lacking else []),
+        *notes,
+    ]
+    return Findings(mission, beyond + absent, tuple(notes), stand)
+
+
+def _idle(mission: Mission) -> Iterator[str]:
+    """Notes about satellites, and changes nothing."""
+    if mission.flies_by_ranges:
+        if mission.sim.satellites.crowns is Sky.SHADE and mission.forest.stand is None and mission.forest.file is None:
+            yield "no crowns, which [forest.stand] or forest.file would have: nothing comes of sim.satellites.crowns"
+        return
+    swarm, sim = mission.swarm, mission.sim
+    said = {
+        "[ranging]": mission.ranging is not None,
+        "swarm.position_error_max_m": swarm.position_error_max_m != Swarm().position_error_max_m,
+        "swarm.position_uncertain": swarm.position_uncertain is not Swarm().position_uncertain,
+        "[sim.ranging]": sim.ranging != RangingErrors(),
+        "[sim.odometry]": sim.odometry != OdometryErrors(),
+    }
+    idle = [key for key, is_said in said.items() if is_said]
+    if idle:
+        yield f"all have GNSS (swarm.gnss): nothing comes of {', '.join(idle)}"
+
+
+def _sensors(mission: Mission) -> Iterator[str]:
+    """Notes which sensors that it names are not to be had on this computer: vehicles and simulator need them."""
+    if mission.sensors:
+        from mission.common.entry_points import SENSORS, installed_names
+
+        here = installed_names(SENSORS)
+        absent = [name for name in mission.sensors if name not in here]
+        if absent:
+            yield f"sensors: {', '.join(absent)} is in no package that is installed here: each vehicle needs it"
+
+
+def _layers(mission: Mission) -> Iterator[str]:
+    """Notes which layers of height there is room for, and where vehicles that sense obstacles could fly in some."""
+    if not mission.separation.height_layers:
+        if mission.sensing is not None and mission.swarm.size > 1:
+            yield (
+                "one height for all: parts that do not hear each other may meet. separation.height_layers = true "
+                "keeps them apart, where a downward range finder holds each vehicle's height"
+            )
+        return
+    own_m, *others_m = list_layers(mission)
+    if others_m:
+        heights = " and ".join(f"{height_m:.1f}" for height_m in others_m)
+        yield f"{1 + len(others_m)} layers of height: the mission's, {own_m:g} m, and {heights} m"
+    else:
+        yield (
+            "1 layer of height: separation.height_layers wants a level route and ring, and "
+            f"{APART_M + LIMIT_M:g} m to the fence's altitudes: parts that do not hear each other may meet"
+        )
+
+
+def _survey(mission: Mission) -> Iterator[str]:
+    """A note at which height stems are cut, and how that comes to breast height."""
+    if mission.survey is None:
+        return
+    distances_m, taper = cut_distances_m(mission), f"{mission.survey.taper_cm_per_m:g} cm/m"
+    if distances_m is not None:
+        yield (
+            f"survey: layers cut stems at breast height, 1.3 m, where they pass {distances_m[0]:.1f} to "
+            f"{distances_m[1]:.1f} m away; others by taper, {taper}"
+        )
+        return
+    yield (
+        f"survey: stems are cut at flight height, {mission.route.d1_enu_m[2]:g} m: diameters at breast height come by "
+        f"taper, {taper}, never by measurement"
+    )
+
+
+def _check_stand(
+    mission: Mission, document: Document, path: str | os.PathLike[str]
+) -> tuple[Stand | None, tuple[Problem, ...], list[str]]:
+    """Its stand; that its stem map is absent, which only the simulator reads; notes where its fence meets crowns.
+
+    MissionError for a map that is there and wrong, or that a mission for the simulator alone lacks.
+    """
+    if mission.forest.file is None and mission.forest.stand is None:
+        return None, (), []
+    from mission.check.forest_notes import fence_notes
+    from mission.stand.resolve import resolve_stand
+
+    try:
+        stand = resolve_stand(mission, path, document)
+    except MissionError as error:
+        if mission.origin is None or (Path(path).parent / (mission.forest.file or "")).exists():
+            raise
+        return None, error.problems, []
+    return stand, (), list(fence_notes(stand, mission))

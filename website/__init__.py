@@ -1,0 +1,1 @@
+"""The documentation as a site of static files, with a swarm that flies in the page: `make site`."""

@@ -1,0 +1,1 @@
+"""The page's flight without a page: `python -m website.native`, to compare traces."""

@@ -1,0 +1,5 @@
+"""As in `cryptography`."""
+
+
+class InvalidSignature(Exception):  # noqa: N818
+    """Nothing is verified here."""

@@ -1,0 +1,5 @@
+"""As in `cryptography`."""
+
+from cryptography import Absent
+
+HKDF = Absent
