@@ -90,17 +90,9 @@ class Flight:
         return self._waiting.lasts_s(LISTENING, now_s)
 
     def hand_back(self) -> None:
-        """Steer again, or start anew on the ground: an operator gives control back to the companion, which says so."""
-        if self.state is FlightState.LANDED:
-            self._report_text(Severity.WARNING, "not handed back: landed, restart companion")
-        if self.state is not FlightState.RELEASED:
-            return
-        if self.vehicle.airborne:
-            self._move(FlightEvent.HAND_BACK_IN_AIR)
-            self._report_text(Severity.NOTICE, "handed back: companion steers again")
-        else:
-            self._move(FlightEvent.HAND_BACK_ON_GROUND)
-            self._report_text(Severity.NOTICE, "handed back: waiting on the ground")
+        """Steer again, or start anew on the ground: an operator gives control back to the companion."""
+        if self.state is FlightState.RELEASED:
+            self._move(FlightEvent.HAND_BACK_IN_AIR if self.vehicle.airborne else FlightEvent.HAND_BACK_ON_GROUND)
 
     def stall(self) -> None:
         """Listen first, after a stall of this companion: the autopilot may have acted by itself."""
