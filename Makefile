@@ -203,7 +203,7 @@ COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --generate-ha
   --custom-compile-command 'make lock'
 
 # Without rerun, whose 250 MB one test wants, which is skipped where they are not.
-DEV_EXTRAS := sim edit cluster pandas ros2 build dev
+DEV_EXTRAS := sim edit cluster pandas ros2 zenoh build dev
 
 lock: $(DEV_READY)
 	$(COMPILE) pyproject.toml --extra sim --extra edit --extra build -o requirements.lock

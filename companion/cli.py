@@ -15,7 +15,7 @@ from companion.lidar.options import MODEL_NAMES, RAW_NAMES, parse_band, parse_ma
 from companion.order.options import add_order_commands
 from companion.radio_options import add_base_keys, add_preflight_keys, add_run_keys
 from companion.sensor_options import add_sensor_options
-from companion.shell.urls import AUTOPILOT_SCHEMES, HEARING_SCHEMES, PEERS_SCHEMES, Scheme, Url, UrlError, parse_url
+from companion.shell.urls import AUTOPILOT_SCHEMES, PEERS_SCHEMES, Scheme, Url, UrlError, parse_url
 from companion.stand.form_height import FORM_HEIGHT_M
 from companion.watch.address import PORT, address_of
 from mission import __version__
@@ -153,7 +153,7 @@ def _add_watch(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         allow_abbrev=False,
     )
     watch.add_argument(
-        "--peers", required=True, type=_url(HEARING_SCHEMES), metavar="URL", help="where the companions are heard"
+        "--peers", required=True, type=_url(PEERS_SCHEMES), metavar="URL", help="where the companions are heard"
     )
     watch.add_argument(
         "--listen",
@@ -347,9 +347,8 @@ def _make_stand(arguments: argparse.Namespace) -> int:
     try:
         from companion.stand.command import stand
     except ModuleNotFoundError as error:  # vehicles do without numpy and scipy
-        print(
-            f"companion: stand needs {error.name}: install the extra `stand`, pip install '.[stand]'", file=sys.stderr
-        )
+        why = f"{error.name} is not installed: in the checkout, pip install -e '.[stand]'"
+        print(f"companion: stand: {why}", file=sys.stderr)
         return EXIT_ENVIRONMENT
     return stand(arguments)
 

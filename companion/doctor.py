@@ -22,17 +22,19 @@ from serial.tools import list_ports
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
 from companion.mavlink.framing.frames import Framing
-from companion.mavlink.makes import MAKES
+from companion.mavlink.makes import MAKES, installed_makes, load_installed_makes
 from companion.mavlink.peers.frame_mac import is_signed
 from companion.preflight.computer import check_disk, check_key, check_monotonic
 from companion.preflight.listen import SensorWindow, listen
 from companion.preflight.report import Check, Verdict, check_of
 from companion.preflight.table import table
-from companion.sensors.table import SENSORS
+from companion.sensors.installed import installed_names, load_sensor
+from companion.sensors.table import SENSORS, kind_of
 from companion.shell.links import LinkError, open_link
 from companion.shell.urls import Scheme, Url
 from mission import __version__
 from mission.common.compiled import STATE
+from mission.common.entry_points import TITLE_MAX_CHARS, EntryPointError
 from mission.common.problems import printable
 
 PACKAGES = ("cbor2", "cryptography", "pymavlink", "fastcrc", "pydantic", "pyserial", "psutil", "mavsdk", "shtab")
@@ -44,7 +46,6 @@ CPU = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
 HWMON = Path("/sys/class/hwmon")
 ALARM = "in0_lcrit_alarm"  # the kernel's name of a Raspberry Pi's undervoltage
 BINDS = frozenset({Scheme.UDP_IN, Scheme.UDP_BROADCAST})
-NAMES = {make.autopilot: make.name for make in MAKES.values()}
 UNSIGNED = "--unsigned"
 NEEDS_KEYS = "whoever is in radio range commands it; right in the simulator alone: docs/how-to/keys.md"
 NO_SENSORS: Mapping[str, Url] = MappingProxyType({})
@@ -69,6 +70,7 @@ def examine(
 ) -> Iterator[Check]:
     """All rows."""
     yield versions()
+    yield from packages()
     yield from serial_ports()
     for url in (autopilot, peers, *sensors.values()):
         if url is not None and url.scheme in BINDS:
@@ -116,6 +118,28 @@ def versions() -> Check:
         lacks = f"; missing: {', '.join(missing)}" if missing else ""
         return _problem("versions", ", ".join(found) + lacks, wanted, "install the bundle again, or `make install`")
     return _good("versions", ", ".join(found), wanted)
+
+
+def packages() -> Iterator[Check]:
+    """Sensors and makes of installed packages, where there are some: each is loaded."""
+    names, wrong = installed_names(), ""
+    for name in names:
+        try:
+            load_sensor(name)
+        except EntryPointError as error:
+            wrong = printable(str(error), TITLE_MAX_CHARS)
+    try:
+        load_installed_makes()
+    except EntryPointError as error:
+        wrong = printable(str(error), TITLE_MAX_CHARS)
+    makes = [make.name for make in installed_makes()]
+    found = "; ".join(
+        f"{what} {', '.join(found)}" for what, found in (("sensors", names), ("makes of autopilot", makes)) if found
+    )
+    if wrong:
+        yield _problem("packages", wrong, "entry points that can be loaded", "mend or uninstall that package")
+    elif found:
+        yield _good("packages", found, "entry points that can be loaded")
 
 
 # --- ports ---
@@ -201,20 +225,21 @@ def _program(pid: int | None) -> str:
 
 def autopilot_link(url: Url) -> Check:
     """Heartbeats, and from which components."""
-    wanted = f"a heartbeat of {' or '.join(NAMES.values())}"
+    wanted = f"a heartbeat of {' or '.join(make.name for make in MAKES.values())}"
     framing = Framing(frozenset({dialect.MAVLINK_MSG_ID_HEARTBEAT}), is_stream=url.scheme is Scheme.SERIAL)
     heard: dict[tuple[int, int], str] = {}
+    names = {make.autopilot: make.name for make in MAKES.values()}
     size = 0
     try:
         for data in _listen(url):
             size += len(data)
             for m in framing.parse(data):
                 kind = "no autopilot" if m.autopilot == dialect.MAV_AUTOPILOT_INVALID else f"autopilot {m.autopilot}"
-                heard[m.get_srcSystem(), m.get_srcComponent()] = NAMES.get(m.autopilot, kind)
+                heard[m.get_srcSystem(), m.get_srcComponent()] = names.get(m.autopilot, kind)
     except LinkError as error:
         return _problem("autopilot", "cannot be opened", wanted, str(error))
     who = ", ".join(f"{kind} {system}/{component}" for (system, component), kind in sorted(heard.items()))
-    if any(kind in NAMES.values() for kind in heard.values()):
+    if any(kind in names.values() for kind in heard.values()):
         return _good("autopilot", f"{who} (system/component)", wanted)
     if heard:
         return _problem("autopilot", who, wanted, "others are on this link, the autopilot is not: is it on?")
@@ -264,8 +289,8 @@ def sensor_link(name: str, url: Url) -> Iterator[Check]:
 
     The mission, which `companion preflight` knows, says whether that will do.
     """
-    wanted = " or ".join(SENSORS[name].MESSAGES.values())
-    window = SensorWindow(SENSORS.values())
+    wanted = " or ".join(kind_of(name).MESSAGES.values())
+    window = SensorWindow({**SENSORS, name: kind_of(name)}.values())
     try:
         link = open_link(url, hears_all=True)
     except LinkError as error:

@@ -18,8 +18,10 @@ from companion.keys.key_file import KeyFileError
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.framing.frames import DATAGRAM_MAX_BYTES
 from companion.mavlink.harvest import RecordLink
+from companion.mavlink.makes import load_installed_makes
+from companion.mavlink.peers.session import Session
 from companion.preflight.report import Clearance, clearance
-from companion.sensors.table import SENSORS, sensors_of
+from companion.sensors.table import SENSORS, kinds_of, sensors_of
 from companion.shell.box.opening import box_folder, open_black_box, read_mission_file
 from companion.shell.flight_log import ChangeLogger, FlightLog, summary
 from companion.shell.links import RECV_BYTES, Link, LinkError, open_link
@@ -30,6 +32,7 @@ from companion.shell.urls import Scheme, Url
 from companion.survey.of_mission import survey_of
 from mission import __version__
 from mission.common.compiled import STATE
+from mission.common.entry_points import TITLE_MAX_CHARS, EntryPointError
 from mission.common.problems import MissionError, printable
 from mission.document.load import load_mission
 from mission.document.model import Mission
@@ -81,7 +84,12 @@ def mission_of(arguments: argparse.Namespace) -> Mission:
     path: str = arguments.mission
     vehicle_id: int = arguments.id
     try:
+        load_installed_makes()
+    except EntryPointError as error:
+        raise RefusedError(EXIT_REFUSED, f"make of autopilot {printable(str(error), TITLE_MAX_CHARS)}") from None
+    try:
         mission = load_mission(path)
+        flown = kinds_of(mission)
     except MissionError as error:
         raise RefusedError(EXIT_REFUSED, f"the mission is refused\n{error}") from None
     if not 1 <= vehicle_id <= mission.swarm.size:
@@ -95,18 +103,23 @@ def mission_of(arguments: argparse.Namespace) -> Mission:
             "  [origin]\n  lat_deg = ...\n  lon_deg = ...\n  alt_m = ...  # of the ground, above sea level",
         )
     for name, url in arguments.sensors.items():
-        if not SENSORS[name].is_flown(mission):
-            raise RefusedError(EXIT_REFUSED, f"--sensor {name}={url}: {printable(path)} {SENSORS[name].UNUSED}")
+        if name not in flown:
+            raise RefusedError(EXIT_REFUSED, f"--sensor {name}={url}: {printable(path)} {_unused(name)}")
     if arguments.command == "run" and arguments.records is not None and mission.survey is None:
         raise RefusedError(EXIT_REFUSED, f"--records: {printable(path)} has no [survey]: there are none")
-    for kind in SENSORS.values() if arguments.command == "run" and not arguments.sensors else ():
-        if kind.NEEDS_LINK and kind.is_flown(mission):
+    for kind in flown.values() if arguments.command == "run" and not arguments.sensors else ():
+        if kind.NEEDS_LINK:
             raise RefusedError(
                 EXIT_REFUSED,
                 f"{printable(path)}: {kind.NEEDS_LINK}, so --sensor {kind.NAME}=URL is needed: the link to the "
                 f"{kind.TITLE}'s driver",
             )
     return mission
+
+
+def _unused(name: str) -> str:
+    """Words for a mission that does not fly by this sensor."""
+    return SENSORS[name].UNUSED if name in SENSORS else f'does not name it: sensors = ["{name}"]'
 
 
 def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> int:
@@ -135,10 +148,10 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     except ModuleNotFoundError as error:
         raise RefusedError(
             EXIT_ENVIRONMENT,
-            f"the mission has [survey], which needs {error.name}: pip install 'understory-uav[survey]'",
+            f"the mission has [survey], which needs {error.name}: in the checkout, pip install -e '.[survey]'",
         ) from None
     radio = _radio_keys(key, arguments, mission, opened)
-    records = _records(arguments, mission, opened, log)
+    records = _records(arguments, mission, opened, log, radio.session)
     needs = (SIGNING,) if arguments.sign_autopilot else ()
     cleared = clearance(
         arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time(), needs=needs
@@ -221,15 +234,19 @@ def _radio_keys(key: str | None, arguments: argparse.Namespace, mission: Mission
         ) from None
 
 
-def _records(arguments: argparse.Namespace, mission: Mission, opened: ExitStack, log: FlightLog) -> RecordLink | None:
-    """Of a mission that surveys."""
+def _records(
+    arguments: argparse.Namespace, mission: Mission, opened: ExitStack, log: FlightLog, session: Session | None
+) -> RecordLink | None:
+    """Of a mission that surveys. `session`: of a radio with keys."""
     if mission.survey is None:
         return None
     from companion.shell.records import records_of, records_path  # SQLite, which other flights need not keep
 
     path = records_path(arguments.records, arguments.log, mission, arguments.id)
     mission_file, beside_loop = Path(arguments.mission), arguments.clock == "monotonic"
-    records = records_of(mission, arguments.id, path, opened, mission_file=mission_file, beside_loop=beside_loop)
+    records = records_of(
+        *(mission, arguments.id, path, opened), mission_file=mission_file, beside_loop=beside_loop, session=session
+    )
     log.line(None, f"records in {path}: {records.progress()}")
     return records
 
@@ -248,7 +265,7 @@ def _black_box(
         text,
         sha256,
         arguments.id,
-        sensors=[name for name, kind in SENSORS.items() if kind.is_flown(mission)],
+        sensors=list(kinds_of(mission)),
         clock=arguments.clock,
         started=datetime.now(UTC),
         autopilot_is_stream=arguments.autopilot.scheme is Scheme.SERIAL,

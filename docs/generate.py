@@ -16,6 +16,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 
 import flight_pages
+from api_pages import api_page
 from hazard_pages import HazardsError, hazards_page
 from key_pages import mission_page, row, study_page
 from mutant_pages import mutants_page
@@ -134,6 +135,7 @@ def pages() -> dict[str, str]:
         "flight-states.md": flight_pages.flight_states_page,
         "hazards.md": hazards_page,
         "mutants.md": mutants_page,
+        "python.md": api_page,
     }
     return {name: "\n".join(maker()).rstrip() + "\n" for name, maker in makers.items()}
 

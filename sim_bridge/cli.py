@@ -168,7 +168,7 @@ def _main(argv: Sequence[str] | None) -> int:
             from sim_bridge.errors import StartError
             from sim_bridge.world.airframe.base import AirframeError
     except ModuleNotFoundError as error:
-        _print_error(f"{error.name} is not installed: in the checkout, pip install '.[sim]'")
+        _print_error(f"{error.name} is not installed: in the checkout, pip install -e '.[sim]'")
         return ENVIRONMENT
 
     try:

@@ -57,7 +57,7 @@ class Result:
             import pandas
         except ModuleNotFoundError:
             raise ModuleNotFoundError(
-                "pandas is not installed: pip install 'understory-uav[pandas]'", name="pandas"
+                "pandas is not installed: in the checkout, pip install -e '.[sim,pandas]'", name="pandas"
             ) from None
         recording = self.recording
         ticks, n = recording.on_ground.shape

@@ -15,7 +15,7 @@ from pathlib import Path
 from PIL import Image
 
 from sim_bridge.judge.page import page
-from sim_bridge.lab.report import judged
+from sim_bridge.lab.judged import judged
 from tests.report.browser_kit import WHY_NOT, Browser
 
 FILE = Path(__file__).parent.parent / "docs" / "images" / "replay.webp"

@@ -13,11 +13,13 @@ from typing import Final, TextIO
 
 from companion.base.station import BaseStation
 from companion.keys.key_file import KeyFileError
+from companion.mavlink.peers.guard import SignedGuard
 from companion.records.node import open_base
+from companion.records.signed.intake import FORGED
 from companion.records.store import StoreError
 from companion.shell.floods import FloodLog
 from companion.shell.links import Link, LinkError, open_link
-from companion.shell.radio_keys import NoKeyError, choose_key, open_base_guard
+from companion.shell.radio_keys import NoKeyError, choose_key, open_base_session
 from companion.shell.records import draw_log
 from companion.shell.runner import Stop
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
@@ -43,9 +45,10 @@ def base(arguments: argparse.Namespace) -> int:
             key = choose_key(
                 arguments.key, unsigned=arguments.unsigned, what="the swarm, and writes records", size=size
             )
-            records = open_base(mission, Path(arguments.records), draw_log, made_s=int(time.time()))
+            session = open_base_session(key, arguments.mission)
+            file = Path(arguments.records)
+            records = open_base(mission, file, draw_log, made_s=int(time.time()), session=session)
             opened.callback(records.store.close)
-            guard = open_base_guard(key, arguments.mission)
             link = open_link(arguments.listen, hears_all=True)
             opened.callback(link.close)
         except MissionError as error:
@@ -58,7 +61,7 @@ def base(arguments: argparse.Namespace) -> int:
             return _refused(EXIT_ENVIRONMENT, f"companion: --records {printable(arguments.records, 200)}: {error}")
         except LinkError as error:
             return _refused(EXIT_ENVIRONMENT, f"companion: --listen {error}")
-        station = BaseStation(records, guard)
+        station = BaseStation(records, None if session is None else SignedGuard(session))
         shown = Terminal(sys.stdout)
         shown.line(
             f"base station of {mission.name or 'unnamed'!r} on {arguments.listen}, records in {arguments.records}"
@@ -70,6 +73,9 @@ def base(arguments: argparse.Namespace) -> int:
         shown.line(station.text)
         for line in gaps(station):
             shown.line(line)
+        forged = records.dropped.get(FORGED, 0)
+        if forged:
+            shown.line(f"refused, as forged by a member of the swarm: {forged}")
     return EXIT_DONE
 
 

@@ -9,9 +9,11 @@ from companion.journal.tape.played import PlayedGate, PlayedGuard, PlayedLink, P
 from companion.journal.tape.tape import PlayedTape
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.harvest import Survey
+from companion.mavlink.makes import load_installed_makes
 from companion.mavlink.orders.book import OrderBook
-from companion.sensors.table import SENSORS
+from companion.sensors.table import kind_of
 from companion.survey.of_mission import survey_of
+from mission.common.entry_points import EntryPointError
 from mission.document.model import Mission
 
 
@@ -27,12 +29,13 @@ def rebuild_endpoint(start: Json, tape: PlayedTape) -> Endpoint:
         if start["flown_by"]:
             raise RebuildError(f"it was flown by {start['flown_by']}, which the log does not hold")
         vehicle_id = int(start["vehicle"])
+        load_installed_makes()
         mission = Mission.model_validate(start["mission"])
         survey: Survey | None = survey_of(mission, vehicle_id) if start["has_survey"] else None
         endpoint = Endpoint(
             mission,
             vehicle_id,
-            sensors=[SENSORS[name].of(mission) for name in start["sensors"]],
+            sensors=[kind_of(str(name)).of(mission) for name in start["sensors"]],
             autopilot_is_stream=bool(start["autopilot_is_stream"]),
             sensor_streams={str(name): bool(is_stream) for name, is_stream in start["sensor_streams"].items()},
             guard=None if start["guard_flags"] is None else PlayedGuard(tape, int(start["guard_flags"])),
@@ -43,6 +46,8 @@ def rebuild_endpoint(start: Json, tape: PlayedTape) -> Endpoint:
         )
         endpoint.agent.ground(str(start["grounded"]))
         endpoint.agent.waive(str(start["waived"]), str(start["unknown"]), unsigned=bool(start["unsigned"]))
+    except EntryPointError as error:
+        raise RebuildError(f"{error}") from None
     except (KeyError, TypeError, ValueError, AttributeError, ValidationError) as error:
         raise RebuildError(f"its first entry makes no sense: {error}") from None
     return endpoint

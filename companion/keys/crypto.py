@@ -42,9 +42,10 @@ class Signer:
 class Verifier:
     """Checks signatures by one public key. ValueError: it is no public key."""
 
-    __slots__ = ("_key",)
+    __slots__ = ("_key", "public")
 
     def __init__(self, public: bytes) -> None:
+        self.public = public
         self._key = Ed25519PublicKey.from_public_bytes(public)
 
     def holds(self, signature: bytes, message: bytes) -> bool:

@@ -1115,6 +1115,7 @@ MAVLINK_MSG_ID_HIGHRES_IMU = 105
 MAVLINK_MSG_ID_SIM_STATE = 108
 MAVLINK_MSG_ID_TIMESYNC = 111
 MAVLINK_MSG_ID_HIL_STATE_QUATERNION = 115
+MAVLINK_MSG_ID_DISTANCE_SENSOR = 132
 MAVLINK_MSG_ID_ALTITUDE = 141
 MAVLINK_MSG_ID_BATTERY_STATUS = 147
 MAVLINK_MSG_ID_AUTOPILOT_VERSION = 148
@@ -1139,6 +1140,8 @@ MAVLINK_MSG_ID_SWARM_RECORD_VECTOR = 52104
 MAVLINK_MSG_ID_SWARM_RECORD = 52105
 MAVLINK_MSG_ID_SWARM_ORDER = 52106
 MAVLINK_MSG_ID_SWARM_MANIFEST = 52107
+MAVLINK_MSG_ID_SWARM_SIGNED_RECORD = 52108
+MAVLINK_MSG_ID_SWARM_BASE_VECTOR = 52109
 
 
 class MAVLink_heartbeat_message(MAVLink_message):
@@ -2781,6 +2784,55 @@ class MAVLink_hil_state_quaternion_message(MAVLink_message):
 setattr(MAVLink_hil_state_quaternion_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_distance_sensor_message(MAVLink_message):
+    """
+    DISTANCE_SENSOR
+    """
+
+    id = MAVLINK_MSG_ID_DISTANCE_SENSOR
+    msgname = "DISTANCE_SENSOR"
+    fieldnames = ["time_boot_ms", "min_distance", "max_distance", "current_distance", "type", "id", "orientation", "covariance", "horizontal_fov", "vertical_fov", "quaternion", "signal_quality"]
+    ordered_fieldnames = ["time_boot_ms", "min_distance", "max_distance", "current_distance", "type", "id", "orientation", "covariance", "horizontal_fov", "vertical_fov", "quaternion", "signal_quality"]
+    fieldtypes = ["uint32_t", "uint16_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "float", "float", "float", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "min_distance": "cm", "max_distance": "cm", "current_distance": "cm", "covariance": "cm^2", "horizontal_fov": "rad", "vertical_fov": "rad", "signal_quality": "%"}
+    native_format = bytearray(b"<IHHHBBBBfffB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 4, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 4, 0]
+    crc_extra = 85
+    unpacker = struct.Struct("<IHHHBBBBff4fB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_boot_ms: int, min_distance: int, max_distance: int, current_distance: int, type: int, id: int, orientation: int, covariance: int, horizontal_fov: float = 0, vertical_fov: float = 0, quaternion: Sequence[float] = (0, 0, 0, 0), signal_quality: int = 0):
+        MAVLink_message.__init__(self, MAVLink_distance_sensor_message.id, MAVLink_distance_sensor_message.msgname)
+        self._fieldnames = MAVLink_distance_sensor_message.fieldnames
+        self._instance_field = MAVLink_distance_sensor_message.instance_field
+        self._instance_offset = MAVLink_distance_sensor_message.instance_offset
+        self.time_boot_ms = time_boot_ms
+        self.min_distance = min_distance
+        self.max_distance = max_distance
+        self.current_distance = current_distance
+        self.type = type
+        self.id = id
+        self.orientation = orientation
+        self.covariance = covariance
+        self.horizontal_fov = horizontal_fov
+        self.vertical_fov = vertical_fov
+        self.quaternion = quaternion
+        self.signal_quality = signal_quality
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.min_distance, self.max_distance, self.current_distance, self.type, self.id, self.orientation, self.covariance, self.horizontal_fov, self.vertical_fov, self.quaternion[0], self.quaternion[1], self.quaternion[2], self.quaternion[3], self.signal_quality), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_distance_sensor_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_altitude_message(MAVLink_message):
     """
     ALTITUDE
@@ -3908,6 +3960,100 @@ class MAVLink_swarm_manifest_message(MAVLink_message):
 setattr(MAVLink_swarm_manifest_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_swarm_signed_record_message(MAVLink_message):
+    """
+    In a signed swarm, in place of SWARM_RECORD: a record with the
+    signature of the vehicle that made it, from its writer or passed
+    on unchanged. Who has the fleet's public keys knows by itself
+    whose it is.
+    """
+
+    id = MAVLINK_MSG_ID_SWARM_SIGNED_RECORD
+    msgname = "SWARM_SIGNED_RECORD"
+    fieldnames = ["made_usec", "log_id", "log_number", "log_writer", "record_kind", "body_size", "ed25519", "record_body"]
+    ordered_fieldnames = ["made_usec", "log_id", "log_number", "log_writer", "record_kind", "body_size", "ed25519", "record_body"]
+    fieldtypes = ["uint64_t", "uint32_t", "uint32_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"made_usec": "us", "body_size": "bytes"}
+    native_format = bytearray(b"<QIIBBBBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7]
+    lengths = [1, 1, 1, 1, 1, 1, 64, 172]
+    array_lengths = [0, 0, 0, 0, 0, 0, 64, 172]
+    crc_extra = 136
+    unpacker = struct.Struct("<QIIBBB64B172B")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, made_usec: int, log_id: int, log_number: int, log_writer: int, record_kind: int, body_size: int, ed25519: Sequence[int], record_body: Sequence[int]):
+        MAVLink_message.__init__(self, MAVLink_swarm_signed_record_message.id, MAVLink_swarm_signed_record_message.msgname)
+        self._fieldnames = MAVLink_swarm_signed_record_message.fieldnames
+        self._instance_field = MAVLink_swarm_signed_record_message.instance_field
+        self._instance_offset = MAVLink_swarm_signed_record_message.instance_offset
+        self.made_usec = made_usec
+        self.log_id = log_id
+        self.log_number = log_number
+        self.log_writer = log_writer
+        self.record_kind = record_kind
+        self.body_size = body_size
+        self.ed25519 = ed25519
+        self.record_body = record_body
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.made_usec, self.log_id, self.log_number, self.log_writer, self.record_kind, self.body_size, self.ed25519[0], self.ed25519[1], self.ed25519[2], self.ed25519[3], self.ed25519[4], self.ed25519[5], self.ed25519[6], self.ed25519[7], self.ed25519[8], self.ed25519[9], self.ed25519[10], self.ed25519[11], self.ed25519[12], self.ed25519[13], self.ed25519[14], self.ed25519[15], self.ed25519[16], self.ed25519[17], self.ed25519[18], self.ed25519[19], self.ed25519[20], self.ed25519[21], self.ed25519[22], self.ed25519[23], self.ed25519[24], self.ed25519[25], self.ed25519[26], self.ed25519[27], self.ed25519[28], self.ed25519[29], self.ed25519[30], self.ed25519[31], self.ed25519[32], self.ed25519[33], self.ed25519[34], self.ed25519[35], self.ed25519[36], self.ed25519[37], self.ed25519[38], self.ed25519[39], self.ed25519[40], self.ed25519[41], self.ed25519[42], self.ed25519[43], self.ed25519[44], self.ed25519[45], self.ed25519[46], self.ed25519[47], self.ed25519[48], self.ed25519[49], self.ed25519[50], self.ed25519[51], self.ed25519[52], self.ed25519[53], self.ed25519[54], self.ed25519[55], self.ed25519[56], self.ed25519[57], self.ed25519[58], self.ed25519[59], self.ed25519[60], self.ed25519[61], self.ed25519[62], self.ed25519[63], self.record_body[0], self.record_body[1], self.record_body[2], self.record_body[3], self.record_body[4], self.record_body[5], self.record_body[6], self.record_body[7], self.record_body[8], self.record_body[9], self.record_body[10], self.record_body[11], self.record_body[12], self.record_body[13], self.record_body[14], self.record_body[15], self.record_body[16], self.record_body[17], self.record_body[18], self.record_body[19], self.record_body[20], self.record_body[21], self.record_body[22], self.record_body[23], self.record_body[24], self.record_body[25], self.record_body[26], self.record_body[27], self.record_body[28], self.record_body[29], self.record_body[30], self.record_body[31], self.record_body[32], self.record_body[33], self.record_body[34], self.record_body[35], self.record_body[36], self.record_body[37], self.record_body[38], self.record_body[39], self.record_body[40], self.record_body[41], self.record_body[42], self.record_body[43], self.record_body[44], self.record_body[45], self.record_body[46], self.record_body[47], self.record_body[48], self.record_body[49], self.record_body[50], self.record_body[51], self.record_body[52], self.record_body[53], self.record_body[54], self.record_body[55], self.record_body[56], self.record_body[57], self.record_body[58], self.record_body[59], self.record_body[60], self.record_body[61], self.record_body[62], self.record_body[63], self.record_body[64], self.record_body[65], self.record_body[66], self.record_body[67], self.record_body[68], self.record_body[69], self.record_body[70], self.record_body[71], self.record_body[72], self.record_body[73], self.record_body[74], self.record_body[75], self.record_body[76], self.record_body[77], self.record_body[78], self.record_body[79], self.record_body[80], self.record_body[81], self.record_body[82], self.record_body[83], self.record_body[84], self.record_body[85], self.record_body[86], self.record_body[87], self.record_body[88], self.record_body[89], self.record_body[90], self.record_body[91], self.record_body[92], self.record_body[93], self.record_body[94], self.record_body[95], self.record_body[96], self.record_body[97], self.record_body[98], self.record_body[99], self.record_body[100], self.record_body[101], self.record_body[102], self.record_body[103], self.record_body[104], self.record_body[105], self.record_body[106], self.record_body[107], self.record_body[108], self.record_body[109], self.record_body[110], self.record_body[111], self.record_body[112], self.record_body[113], self.record_body[114], self.record_body[115], self.record_body[116], self.record_body[117], self.record_body[118], self.record_body[119], self.record_body[120], self.record_body[121], self.record_body[122], self.record_body[123], self.record_body[124], self.record_body[125], self.record_body[126], self.record_body[127], self.record_body[128], self.record_body[129], self.record_body[130], self.record_body[131], self.record_body[132], self.record_body[133], self.record_body[134], self.record_body[135], self.record_body[136], self.record_body[137], self.record_body[138], self.record_body[139], self.record_body[140], self.record_body[141], self.record_body[142], self.record_body[143], self.record_body[144], self.record_body[145], self.record_body[146], self.record_body[147], self.record_body[148], self.record_body[149], self.record_body[150], self.record_body[151], self.record_body[152], self.record_body[153], self.record_body[154], self.record_body[155], self.record_body[156], self.record_body[157], self.record_body[158], self.record_body[159], self.record_body[160], self.record_body[161], self.record_body[162], self.record_body[163], self.record_body[164], self.record_body[165], self.record_body[166], self.record_body[167], self.record_body[168], self.record_body[169], self.record_body[170], self.record_body[171]), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_swarm_signed_record_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_swarm_base_vector_message(MAVLink_message):
+    """
+    In a signed swarm, in place of the base station's
+    SWARM_RECORD_VECTOR: what it has, with its signature. Vehicles
+    pass it on unchanged as the acknowledgement: nothing else lets one
+    delete.
+    """
+
+    id = MAVLINK_MSG_ID_SWARM_BASE_VECTOR
+    msgname = "SWARM_BASE_VECTOR"
+    fieldnames = ["told_count", "base_epoch", "mission_hash", "node_flags", "ed25519", "log_entries"]
+    ordered_fieldnames = ["told_count", "base_epoch", "mission_hash", "node_flags", "ed25519", "log_entries"]
+    fieldtypes = ["uint64_t", "uint32_t", "uint32_t", "uint8_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"base_epoch": "s"}
+    native_format = bytearray(b"<QIIBBB")
+    orders = [0, 1, 2, 3, 4, 5]
+    lengths = [1, 1, 1, 1, 64, 168]
+    array_lengths = [0, 0, 0, 0, 64, 168]
+    crc_extra = 184
+    unpacker = struct.Struct("<QIIB64B168B")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, told_count: int, base_epoch: int, mission_hash: int, node_flags: int, ed25519: Sequence[int], log_entries: Sequence[int]):
+        MAVLink_message.__init__(self, MAVLink_swarm_base_vector_message.id, MAVLink_swarm_base_vector_message.msgname)
+        self._fieldnames = MAVLink_swarm_base_vector_message.fieldnames
+        self._instance_field = MAVLink_swarm_base_vector_message.instance_field
+        self._instance_offset = MAVLink_swarm_base_vector_message.instance_offset
+        self.told_count = told_count
+        self.base_epoch = base_epoch
+        self.mission_hash = mission_hash
+        self.node_flags = node_flags
+        self.ed25519 = ed25519
+        self.log_entries = log_entries
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.told_count, self.base_epoch, self.mission_hash, self.node_flags, self.ed25519[0], self.ed25519[1], self.ed25519[2], self.ed25519[3], self.ed25519[4], self.ed25519[5], self.ed25519[6], self.ed25519[7], self.ed25519[8], self.ed25519[9], self.ed25519[10], self.ed25519[11], self.ed25519[12], self.ed25519[13], self.ed25519[14], self.ed25519[15], self.ed25519[16], self.ed25519[17], self.ed25519[18], self.ed25519[19], self.ed25519[20], self.ed25519[21], self.ed25519[22], self.ed25519[23], self.ed25519[24], self.ed25519[25], self.ed25519[26], self.ed25519[27], self.ed25519[28], self.ed25519[29], self.ed25519[30], self.ed25519[31], self.ed25519[32], self.ed25519[33], self.ed25519[34], self.ed25519[35], self.ed25519[36], self.ed25519[37], self.ed25519[38], self.ed25519[39], self.ed25519[40], self.ed25519[41], self.ed25519[42], self.ed25519[43], self.ed25519[44], self.ed25519[45], self.ed25519[46], self.ed25519[47], self.ed25519[48], self.ed25519[49], self.ed25519[50], self.ed25519[51], self.ed25519[52], self.ed25519[53], self.ed25519[54], self.ed25519[55], self.ed25519[56], self.ed25519[57], self.ed25519[58], self.ed25519[59], self.ed25519[60], self.ed25519[61], self.ed25519[62], self.ed25519[63], self.log_entries[0], self.log_entries[1], self.log_entries[2], self.log_entries[3], self.log_entries[4], self.log_entries[5], self.log_entries[6], self.log_entries[7], self.log_entries[8], self.log_entries[9], self.log_entries[10], self.log_entries[11], self.log_entries[12], self.log_entries[13], self.log_entries[14], self.log_entries[15], self.log_entries[16], self.log_entries[17], self.log_entries[18], self.log_entries[19], self.log_entries[20], self.log_entries[21], self.log_entries[22], self.log_entries[23], self.log_entries[24], self.log_entries[25], self.log_entries[26], self.log_entries[27], self.log_entries[28], self.log_entries[29], self.log_entries[30], self.log_entries[31], self.log_entries[32], self.log_entries[33], self.log_entries[34], self.log_entries[35], self.log_entries[36], self.log_entries[37], self.log_entries[38], self.log_entries[39], self.log_entries[40], self.log_entries[41], self.log_entries[42], self.log_entries[43], self.log_entries[44], self.log_entries[45], self.log_entries[46], self.log_entries[47], self.log_entries[48], self.log_entries[49], self.log_entries[50], self.log_entries[51], self.log_entries[52], self.log_entries[53], self.log_entries[54], self.log_entries[55], self.log_entries[56], self.log_entries[57], self.log_entries[58], self.log_entries[59], self.log_entries[60], self.log_entries[61], self.log_entries[62], self.log_entries[63], self.log_entries[64], self.log_entries[65], self.log_entries[66], self.log_entries[67], self.log_entries[68], self.log_entries[69], self.log_entries[70], self.log_entries[71], self.log_entries[72], self.log_entries[73], self.log_entries[74], self.log_entries[75], self.log_entries[76], self.log_entries[77], self.log_entries[78], self.log_entries[79], self.log_entries[80], self.log_entries[81], self.log_entries[82], self.log_entries[83], self.log_entries[84], self.log_entries[85], self.log_entries[86], self.log_entries[87], self.log_entries[88], self.log_entries[89], self.log_entries[90], self.log_entries[91], self.log_entries[92], self.log_entries[93], self.log_entries[94], self.log_entries[95], self.log_entries[96], self.log_entries[97], self.log_entries[98], self.log_entries[99], self.log_entries[100], self.log_entries[101], self.log_entries[102], self.log_entries[103], self.log_entries[104], self.log_entries[105], self.log_entries[106], self.log_entries[107], self.log_entries[108], self.log_entries[109], self.log_entries[110], self.log_entries[111], self.log_entries[112], self.log_entries[113], self.log_entries[114], self.log_entries[115], self.log_entries[116], self.log_entries[117], self.log_entries[118], self.log_entries[119], self.log_entries[120], self.log_entries[121], self.log_entries[122], self.log_entries[123], self.log_entries[124], self.log_entries[125], self.log_entries[126], self.log_entries[127], self.log_entries[128], self.log_entries[129], self.log_entries[130], self.log_entries[131], self.log_entries[132], self.log_entries[133], self.log_entries[134], self.log_entries[135], self.log_entries[136], self.log_entries[137], self.log_entries[138], self.log_entries[139], self.log_entries[140], self.log_entries[141], self.log_entries[142], self.log_entries[143], self.log_entries[144], self.log_entries[145], self.log_entries[146], self.log_entries[147], self.log_entries[148], self.log_entries[149], self.log_entries[150], self.log_entries[151], self.log_entries[152], self.log_entries[153], self.log_entries[154], self.log_entries[155], self.log_entries[156], self.log_entries[157], self.log_entries[158], self.log_entries[159], self.log_entries[160], self.log_entries[161], self.log_entries[162], self.log_entries[163], self.log_entries[164], self.log_entries[165], self.log_entries[166], self.log_entries[167]), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_swarm_base_vector_message, "name", mavlink_msg_deprecated_name_property())
+
+
 mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_HEARTBEAT: MAVLink_heartbeat_message,
     MAVLINK_MSG_ID_SYS_STATUS: MAVLink_sys_status_message,
@@ -3945,6 +4091,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_SIM_STATE: MAVLink_sim_state_message,
     MAVLINK_MSG_ID_TIMESYNC: MAVLink_timesync_message,
     MAVLINK_MSG_ID_HIL_STATE_QUATERNION: MAVLink_hil_state_quaternion_message,
+    MAVLINK_MSG_ID_DISTANCE_SENSOR: MAVLink_distance_sensor_message,
     MAVLINK_MSG_ID_ALTITUDE: MAVLink_altitude_message,
     MAVLINK_MSG_ID_BATTERY_STATUS: MAVLink_battery_status_message,
     MAVLINK_MSG_ID_AUTOPILOT_VERSION: MAVLink_autopilot_version_message,
@@ -3969,6 +4116,8 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_SWARM_RECORD: MAVLink_swarm_record_message,
     MAVLINK_MSG_ID_SWARM_ORDER: MAVLink_swarm_order_message,
     MAVLINK_MSG_ID_SWARM_MANIFEST: MAVLink_swarm_manifest_message,
+    MAVLINK_MSG_ID_SWARM_SIGNED_RECORD: MAVLink_swarm_signed_record_message,
+    MAVLINK_MSG_ID_SWARM_BASE_VECTOR: MAVLink_swarm_base_vector_message,
 }
 
 
@@ -5551,6 +5700,46 @@ class MAVLink(object):
         """
         self.send(self.hil_state_quaternion_encode(time_usec, attitude_quaternion, rollspeed, pitchspeed, yawspeed, lat, lon, alt, vx, vy, vz, ind_airspeed, true_airspeed, xacc, yacc, zacc), force_mavlink1=force_mavlink1)
 
+    def distance_sensor_encode(self, time_boot_ms: int, min_distance: int, max_distance: int, current_distance: int, type: int, id: int, orientation: int, covariance: int, horizontal_fov: float = 0, vertical_fov: float = 0, quaternion: Sequence[float] = (0, 0, 0, 0), signal_quality: int = 0) -> MAVLink_distance_sensor_message:
+        """
+        DISTANCE_SENSOR
+
+        time_boot_ms              : time boot ms [ms] (type:uint32_t)
+        min_distance              : min distance [cm] (type:uint16_t)
+        max_distance              : max distance [cm] (type:uint16_t)
+        current_distance          : current distance [cm] (type:uint16_t)
+        type                      : type (type:uint8_t)
+        id                        : id (type:uint8_t)
+        orientation               : orientation (type:uint8_t)
+        covariance                : covariance [cm^2] (type:uint8_t)
+        horizontal_fov            : horizontal fov [rad] (type:float)
+        vertical_fov              : vertical fov [rad] (type:float)
+        quaternion                : quaternion (type:float)
+        signal_quality            : signal quality [%] (type:uint8_t)
+
+        """
+        return MAVLink_distance_sensor_message(time_boot_ms, min_distance, max_distance, current_distance, type, id, orientation, covariance, horizontal_fov, vertical_fov, quaternion, signal_quality)
+
+    def distance_sensor_send(self, time_boot_ms: int, min_distance: int, max_distance: int, current_distance: int, type: int, id: int, orientation: int, covariance: int, horizontal_fov: float = 0, vertical_fov: float = 0, quaternion: Sequence[float] = (0, 0, 0, 0), signal_quality: int = 0, force_mavlink1: bool = False) -> None:
+        """
+        DISTANCE_SENSOR
+
+        time_boot_ms              : time boot ms [ms] (type:uint32_t)
+        min_distance              : min distance [cm] (type:uint16_t)
+        max_distance              : max distance [cm] (type:uint16_t)
+        current_distance          : current distance [cm] (type:uint16_t)
+        type                      : type (type:uint8_t)
+        id                        : id (type:uint8_t)
+        orientation               : orientation (type:uint8_t)
+        covariance                : covariance [cm^2] (type:uint8_t)
+        horizontal_fov            : horizontal fov [rad] (type:float)
+        vertical_fov              : vertical fov [rad] (type:float)
+        quaternion                : quaternion (type:float)
+        signal_quality            : signal quality [%] (type:uint8_t)
+
+        """
+        self.send(self.distance_sensor_encode(time_boot_ms, min_distance, max_distance, current_distance, type, id, orientation, covariance, horizontal_fov, vertical_fov, quaternion, signal_quality), force_mavlink1=force_mavlink1)
+
     def altitude_encode(self, time_usec: int, altitude_monotonic: float, altitude_amsl: float, altitude_local: float, altitude_relative: float, altitude_terrain: float, bottom_clearance: float) -> MAVLink_altitude_message:
         """
         ALTITUDE
@@ -6412,3 +6601,73 @@ class MAVLink(object):
 
         """
         self.send(self.swarm_manifest_encode(newest, boot, span, echoes, macs, ed25519), force_mavlink1=force_mavlink1)
+
+    def swarm_signed_record_encode(self, made_usec: int, log_id: int, log_number: int, log_writer: int, record_kind: int, body_size: int, ed25519: Sequence[int], record_body: Sequence[int]) -> MAVLink_swarm_signed_record_message:
+        """
+        In a signed swarm, in place of SWARM_RECORD: a record with the
+        signature of the vehicle that made it, from its writer or
+        passed on unchanged. Who has the fleet's public keys knows by
+        itself whose it is.
+
+        made_usec                 : As in SWARM_RECORD. [us] (type:uint64_t)
+        log_id                    : As in SWARM_RECORD. (type:uint32_t)
+        log_number                : As in SWARM_RECORD. (type:uint32_t)
+        log_writer                : System id of the vehicle that made and signed it. (type:uint8_t)
+        record_kind               : As in SWARM_RECORD. (type:uint8_t)
+        body_size                 : Of the body. [bytes] (type:uint8_t)
+        ed25519                   : Ed25519 by the writer's key, of "understory record 1", the `mission_hash` of its vectors (4 bytes, low byte first), the fields before this one as they are sent, and the body. (type:uint8_t)
+        record_body               : As in SWARM_RECORD. (type:uint8_t)
+
+        """
+        return MAVLink_swarm_signed_record_message(made_usec, log_id, log_number, log_writer, record_kind, body_size, ed25519, record_body)
+
+    def swarm_signed_record_send(self, made_usec: int, log_id: int, log_number: int, log_writer: int, record_kind: int, body_size: int, ed25519: Sequence[int], record_body: Sequence[int], force_mavlink1: bool = False) -> None:
+        """
+        In a signed swarm, in place of SWARM_RECORD: a record with the
+        signature of the vehicle that made it, from its writer or
+        passed on unchanged. Who has the fleet's public keys knows by
+        itself whose it is.
+
+        made_usec                 : As in SWARM_RECORD. [us] (type:uint64_t)
+        log_id                    : As in SWARM_RECORD. (type:uint32_t)
+        log_number                : As in SWARM_RECORD. (type:uint32_t)
+        log_writer                : System id of the vehicle that made and signed it. (type:uint8_t)
+        record_kind               : As in SWARM_RECORD. (type:uint8_t)
+        body_size                 : Of the body. [bytes] (type:uint8_t)
+        ed25519                   : Ed25519 by the writer's key, of "understory record 1", the `mission_hash` of its vectors (4 bytes, low byte first), the fields before this one as they are sent, and the body. (type:uint8_t)
+        record_body               : As in SWARM_RECORD. (type:uint8_t)
+
+        """
+        self.send(self.swarm_signed_record_encode(made_usec, log_id, log_number, log_writer, record_kind, body_size, ed25519, record_body), force_mavlink1=force_mavlink1)
+
+    def swarm_base_vector_encode(self, told_count: int, base_epoch: int, mission_hash: int, node_flags: int, ed25519: Sequence[int], log_entries: Sequence[int]) -> MAVLink_swarm_base_vector_message:
+        """
+        In a signed swarm, in place of the base station's SWARM_RECORD_VECTOR:
+        what it has, with its signature. Vehicles pass it on unchanged
+        as the acknowledgement: nothing else lets one delete.
+
+        told_count                : Counts these messages, over restarts of the base station: an earlier one is a copy. (type:uint64_t)
+        base_epoch                : As in SWARM_RECORD_VECTOR; never 0. [s] (type:uint32_t)
+        mission_hash              : As in SWARM_RECORD_VECTOR. (type:uint32_t)
+        node_flags                : 2: the base station has no room for more records. (type:uint8_t)
+        ed25519                   : Ed25519 by the operator's key, of "understory base vector 1", the fields before this one as they are sent, and all of the entries. (type:uint8_t)
+        log_entries               : As in SWARM_RECORD_VECTOR, fewer. (type:uint8_t)
+
+        """
+        return MAVLink_swarm_base_vector_message(told_count, base_epoch, mission_hash, node_flags, ed25519, log_entries)
+
+    def swarm_base_vector_send(self, told_count: int, base_epoch: int, mission_hash: int, node_flags: int, ed25519: Sequence[int], log_entries: Sequence[int], force_mavlink1: bool = False) -> None:
+        """
+        In a signed swarm, in place of the base station's SWARM_RECORD_VECTOR:
+        what it has, with its signature. Vehicles pass it on unchanged
+        as the acknowledgement: nothing else lets one delete.
+
+        told_count                : Counts these messages, over restarts of the base station: an earlier one is a copy. (type:uint64_t)
+        base_epoch                : As in SWARM_RECORD_VECTOR; never 0. [s] (type:uint32_t)
+        mission_hash              : As in SWARM_RECORD_VECTOR. (type:uint32_t)
+        node_flags                : 2: the base station has no room for more records. (type:uint8_t)
+        ed25519                   : Ed25519 by the operator's key, of "understory base vector 1", the fields before this one as they are sent, and all of the entries. (type:uint8_t)
+        log_entries               : As in SWARM_RECORD_VECTOR, fewer. (type:uint8_t)
+
+        """
+        self.send(self.swarm_base_vector_encode(told_count, base_epoch, mission_hash, node_flags, ed25519, log_entries), force_mavlink1=force_mavlink1)

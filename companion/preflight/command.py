@@ -20,7 +20,7 @@ from companion.preflight.report import Check, Report, Verdict, check_of, write_r
 from companion.preflight.signing import SigningProbe, SigningRelay
 from companion.preflight.survey import Survey, SurveyError, take_survey
 from companion.preflight.table import table
-from companion.sensors.table import SENSORS
+from companion.sensors.table import kinds_of
 from companion.shell.links import Link, LinkError, open_link
 from companion.shell.radio_keys import open_autopilot_gate
 from companion.shell.urls import Scheme, Url
@@ -106,7 +106,7 @@ def sensor_checks(urls: Mapping[str, Url], mission: Mission, vehicle_id: int, su
 
     LinkError.
     """
-    kinds = [kind for kind in SENSORS.values() if kind.is_flown(mission)]
+    kinds = list(kinds_of(mission).values())
     if not kinds:
         return
     window = SensorWindow(kinds)

@@ -31,14 +31,14 @@ from mavsdk.system import System
 
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import COMPONENT
-from companion.mavlink.makes import make_of
+from companion.mavlink.makes import load_installed_makes, make_of
 from companion.mavlink.makes.make import Rule
 from companion.mavlink.sensor_source import SensorSource, SensorTally
 from companion.mavlink.streams import receiver_hz, reception_counts, streams_hz
 from companion.preflight.fence import Vertex, difference, fence_of
 from companion.preflight.report import Check, check_of
 from companion.preflight.survey import EXIT_LINK, Parameter, Survey
-from companion.sensors.table import SENSORS, autopilot_hz
+from companion.sensors.table import autopilot_hz, kinds_of
 from mission.document.load import load_mission
 from mission.document.model import Mission
 
@@ -140,6 +140,7 @@ def main() -> int:
     parser.add_argument("--autopilot", required=True)
     parser.add_argument("--apply", action="store_true")
     arguments = parser.parse_args()
+    load_installed_makes()
     with os.fdopen(os.dup(1), "w") as out:  # stdout proper is for whatever MAVSDK prints
         os.dup2(2, 1)
         log_subscribe(lambda level, *_: level < LogLevel.ERROR)
@@ -164,7 +165,7 @@ def survey_autopilot(mavsdk: Mavsdk, mission: Mission, vehicle_id: int, *, apply
         return Survey(heard=heard)
     system = autopilots[vehicle_id]
     direct = MavlinkDirect(system)
-    forwarded = [kind for kind in SENSORS.values() if kind.IS_FORWARDED and kind.is_flown(mission)]
+    forwarded = [kind for kind in kinds_of(mission).values() if kind.IS_FORWARDED]
     received = Received(vehicle_id, forwarded)
     direct.subscribe_message("", received.count_message)
     received.wait_for("HEARTBEAT")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from companion.mavlink.framing.wire import CRC_BYTES, HEADER_BYTES
+
 USABLE_SHARE: Final = 0.6  # of a channel that many share without a schedule; beyond it, beacons would wait for records
 LEAST_SHARE: Final = 0.02  # of the channel, for all records together: they get through, however many beacons there are
 OVERHEAD_BYTES: Final = 16  # of a frame on the air beside MAVLink's own bytes: preamble, header, checksum
@@ -23,15 +25,18 @@ class Airtime:
         self._tokens = 0.0
         self._refilled_s: float | None = None
 
-    def refill(self, now_s: float, ahead_bytes: int, heard: int) -> None:
-        """Once a tick. `ahead_bytes`: that this node sends now ahead of any record; `heard`: number of other nodes."""
+    def refill(self, now_s: float, ahead_bytes: int, heard: int, aside_bps: float = 0.0) -> None:
+        """Once a tick. `ahead_bytes`: that this node sends now ahead of any record; `heard`: number of other nodes.
+
+        `aside_bps`: bytes per second of a node that is not among them.
+        """
         if self._refilled_s is None:
             self._refilled_s = now_s
             return
         passed_s = min(max(0.0, now_s - self._refilled_s), MEMORY_S)
         self._refilled_s = now_s
         self._ahead_bps += (ahead_bytes - self._ahead_bps * passed_s) / MEMORY_S
-        left = self._bytes_per_s * USABLE_SHARE - self._ahead_bps * (heard + 1)
+        left = self._bytes_per_s * USABLE_SHARE - self._ahead_bps * (heard + 1) - aside_bps
         share = max(left, self._bytes_per_s * LEAST_SHARE) / (heard + 1)
         self._tokens = min(BURST_BYTES, self._tokens + share * passed_s)
 
@@ -42,3 +47,8 @@ class Airtime:
             return False
         self._tokens -= cost
         return True
+
+
+def frame_bytes(payload: bytes) -> int:
+    """Of its frame, as MAVLink 2 cuts trailing zeros off."""
+    return len(payload.rstrip(b"\0")) + HEADER_BYTES + CRC_BYTES

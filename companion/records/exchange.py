@@ -8,14 +8,14 @@ many nodes; custody stays with the writer until then (RFC 5050, section 5.10; RF
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final, Protocol
+from dataclasses import replace
+from typing import Final
 
 from companion.mavlink.beacon import COMPONENT
 from companion.mavlink.framing.frames import source
-from companion.mavlink.framing.wire import CRC_BYTES, HEADER_BYTES
 from companion.mavlink.harvest import StandUpdate
 from companion.mavlink.schema.tables.measurements import ENTRIES_MAX
-from companion.records.airtime import OVERHEAD_BYTES, Airtime
+from companion.records.airtime import OVERHEAD_BYTES, Airtime, frame_bytes
 from companion.records.frames import (
     RECORD_ID,
     VECTOR_ID,
@@ -40,7 +40,7 @@ from companion.records.record import (
     Vector,
 )
 from companion.records.store import RecordStore, Written
-from companion.records.summary import StandSummary, decode_summary
+from companion.records.summary import StandFusion, StandSummary, decode_summary
 from companion.records.write_queue import RecordWriter, WriteQueue
 
 DROPPED: Final = ("of unknown vehicles", "conflicting", "of too many logs")
@@ -54,18 +54,10 @@ GIVE_UP_S: Final = 30.0  # what the base station has, and nobody has sent for so
 SETTLE_S: Final = 5.0  # after a start, no own record goes out: others may have more of this log than a damaged disk
 
 
-class StandFusion(Protocol):
-    """Fuses the records that this vehicle has, while it leads: beside the loop, never in it."""
-
-    def take_update(self, *, leads: bool, now_s: float) -> StandUpdate | None:
-        """Once a tick; `leads`: this vehicle does. The newest figures, once; None: there are no new ones."""
-
-    def lines(self) -> list[str]:
-        """Lines for the operator, since last asked."""
-
-
 class RecordExchange:
     """One node's: a vehicle's or the base station's (`me` is BASE_ID). Times are the local clock's, s."""
+
+    body_max: int = BODY_MAX
 
     def __init__(
         self,
@@ -86,7 +78,7 @@ class RecordExchange:
         `mission_hash`: vectors of another mission are not heard, nor records of logs that none of this one told of.
         """
         self.dropped: Final = dict.fromkeys((*DROPPED, FOREIGN), 0)
-        self._mission_hash = mission_hash
+        self.mission_hash: Final = mission_hash
         self._fusion = fusion
         self._store = store
         self._queue = WriteQueue(writer, keeps_own=me != BASE_ID)
@@ -114,7 +106,7 @@ class RecordExchange:
 
     def append(self, kind: int, body: bytes, now_s: float) -> None:
         """One more record of this vehicle's own; what there is no room for is counted and said."""
-        if len(body) > BODY_MAX:
+        if len(body) > self.body_max:
             self._queue.refuse(1)
         else:
             self._queue.add_own(RecordKind(kind), body, now_s)
@@ -142,17 +134,24 @@ class RecordExchange:
         sender, component = source(frame)
         if component != COMPONENT:
             return True
-        if sender == self._me or not (1 <= sender <= self._members or sender == BASE_ID):
+        if not self._is_other(sender):
             self.dropped["of unknown vehicles"] += 1
         elif record is not None:
             self._receive_record(record, now_s)
-        elif vector is not None and vector.mission_hash != self._mission_hash:
-            if not self.dropped[FOREIGN]:
-                self._queue.lines.append("records: ignored: vehicles of another mission")
-            self.dropped[FOREIGN] += 1
+        elif vector is not None and vector.mission_hash != self.mission_hash:
+            self._note_foreign()
         elif vector is not None and vector.is_base == (sender == BASE_ID):
             self._receive_vector(sender, vector, now_s)
         return True
+
+    def _is_other(self, sender: int) -> bool:
+        """Another node of this swarm."""
+        return sender != self._me and (1 <= sender <= self._members or sender == BASE_ID)
+
+    def _note_foreign(self) -> None:
+        if not self.dropped[FOREIGN]:
+            self._queue.lines.append("records: ignored: vehicles of another mission")
+        self.dropped[FOREIGN] += 1
 
     def _receive_record(self, record: Record, now_s: float) -> None:
         key = record.key
@@ -235,16 +234,19 @@ class RecordExchange:
         out: list[tuple[int, bytes]] = []
         if self._vector_s is None or now_s >= self._vector_s:
             self._vector_s = now_s + (BASE_VECTOR_S if self._is_base else VECTOR_S)
-            out += [(VECTOR_ID, payload) for payload in self._vectors(now_s)]
+            out += self._vectors(now_s)
         ahead_bytes = beacon_bytes + OVERHEAD_BYTES * (beacon_bytes > 0)
-        ahead_bytes += sum(_frame_bytes(payload) + OVERHEAD_BYTES for _, payload in out)
-        self._airtime.refill(now_s, ahead_bytes, self._peers.heard(now_s))
+        ahead_bytes += sum(frame_bytes(payload) + OVERHEAD_BYTES for _, payload in out)
+        self._refill(now_s, ahead_bytes)
         # Between the own beacons, unless there is one in each tick: a beacon waits for no record of its own vehicle.
         is_between = not beacon_bytes or self._had_beacon
         self._had_beacon = beacon_bytes > 0
         if is_between and not self._is_base:
-            out += [(RECORD_ID, payload) for payload in self._records(now_s)]
+            out += self._records(now_s)
         return out
+
+    def _refill(self, now_s: float, ahead_bytes: int) -> None:
+        self._airtime.refill(now_s, ahead_bytes, self._peers.heard(now_s))
 
     def note_line(self, line: str) -> None:
         """Something that happened when this node's file was opened."""
@@ -343,37 +345,39 @@ class RecordExchange:
 
     # --- the radio ---
 
-    def _vectors(self, now_s: float) -> list[bytes]:
+    def _vectors(self, now_s: float) -> list[tuple[int, bytes]]:
         """The own vector, in as many messages as it takes."""
         hops = 0 if self._is_base else self._peers.hops(now_s)
-        entries = [self._entry(key, holding) for key, holding in self._holdings.items()]
-        payloads = [
-            encode_vector(
-                Vector(
-                    self._epoch,
-                    hops,
-                    self._is_base,
-                    self._queue.is_full(now_s),
-                    tuple(entries[at : at + ENTRIES_MAX]),
-                    self._mission_hash,
-                )
-            )
-            for at in range(0, len(entries), ENTRIES_MAX)
+        return [
+            (VECTOR_ID, encode_vector(replace(part, hops=hops, is_base=self._is_base)))
+            for part in self._vector_parts(ENTRIES_MAX, now_s)
         ]
-        return payloads or [encode_vector(Vector(self._epoch, hops, self._is_base, False, (), self._mission_hash))]
+
+    def _vector_parts(self, entries_max: int, now_s: float) -> list[Vector]:
+        """Of at most so many entries; one at least."""
+        entries = [self._entry(key, holding) for key, holding in self._holdings.items()]
+        parts = [tuple(entries[at : at + entries_max]) for at in range(0, len(entries), entries_max)]
+        is_full = bool(parts) and self._queue.is_full(now_s)
+        return [Vector(self._epoch, 0, False, is_full, part, self.mission_hash) for part in parts or [()]]
 
     def _entry(self, key: LogKey, holding: Holding) -> Entry:
         window = holding.advance_window(self._known[key])
         acked = holding.upto if self._is_base else self._acked.get(key, 0)
         return Entry(key, holding.upto, window, holding.last, acked, holding.bits(window))
 
-    def _records(self, now_s: float) -> list[bytes]:
+    def _sendable(self, now_s: float) -> dict[LogKey, Holding]:
+        """The logs of which records may go out."""
+        silent = self._own if self._is_unsettled(now_s) else None
+        return {key: holding for key, holding in self._holdings.items() if key != silent}
+
+    def _encode(self, record: Record) -> tuple[int, bytes]:
+        return RECORD_ID, encode_record(record)
+
+    def _records(self, now_s: float) -> list[tuple[int, bytes]]:
         """Records that others lack, as far as the airtime reaches."""
         if now_s - self._plan_s >= PLAN_S:
-            silent = self._own if self._is_unsettled(now_s) else None
-            sendable = {key: holding for key, holding in self._holdings.items() if key != silent}
-            self._plan, self._plan_s = self._peers.plan(sendable, self._own, now_s), now_s
-        out: list[bytes] = []
+            self._plan, self._plan_s = self._peers.plan(self._sendable(now_s), self._own, now_s), now_s
+        out: list[tuple[int, bytes]] = []
         waiting: list[Candidate] = []
         for at, candidate in enumerate(self._plan):
             if not self._peers.is_turn(candidate, now_s):
@@ -384,15 +388,11 @@ class RecordExchange:
             record = self._store.find_record(candidate.key, candidate.number)
             if record is None:
                 continue
-            payload = encode_record(record)
-            if len(out) == FRAMES_MAX or not self._airtime.take_tokens(_frame_bytes(payload)):
+            message = self._encode(record)
+            if len(out) == FRAMES_MAX or not self._airtime.take_tokens(frame_bytes(message[1])):
                 waiting += self._plan[at:]
                 break
             self._peers.note_aired(candidate.key, candidate.number, now_s)
-            out.append(payload)
+            out.append(message)
         self._plan = waiting
         return out
-
-
-def _frame_bytes(payload: bytes) -> int:
-    return len(payload.rstrip(b"\0")) + HEADER_BYTES + CRC_BYTES

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from struct import Struct
 from typing import Final
 
@@ -23,7 +24,14 @@ _RECORD_BYTES: Final = RECORD_ID.to_bytes(3, "little")
 _VECTOR_EXTRA: Final = bytes([dialect.MAVLink_swarm_record_vector_message.crc_extra])
 _RECORD_EXTRA: Final = bytes([dialect.MAVLink_swarm_record_message.crc_extra])
 _BASE: Final = 1
-_FULL: Final = 2
+FULL: Final = 2  # of a vector's flags
+_IDS: Final = frozenset(
+    {
+        *(_VECTOR_BYTES, _RECORD_BYTES),
+        dialect.MAVLINK_MSG_ID_SWARM_SIGNED_RECORD.to_bytes(3, "little"),
+        dialect.MAVLINK_MSG_ID_SWARM_BASE_VECTOR.to_bytes(3, "little"),
+    }
+)
 assert _ENTRY.size == ENTRY_BYTES
 
 
@@ -32,24 +40,33 @@ def encode_record(record: Record) -> bytes:
 
     A time that no record has, as an older version may have stored it, is the nearest that one can have.
     """
-    made_us = min(MADE_MAX_US, max(0, round(record.made_s * 1e6)))
-    head = (made_us, record.log_id, record.number, record.vehicle_id, record.kind, len(record.body))
+    head = (made_us_of(record), record.log_id, record.number, record.vehicle_id, record.kind, len(record.body))
     return _RECORD.pack(*head, record.body)
+
+
+def made_us_of(record: Record) -> int:
+    """Time at which it was made, us, as it is sent."""
+    return min(MADE_MAX_US, max(0, round(record.made_s * 1e6)))
 
 
 def encode_vector(vector: Vector) -> bytes:
     """The payload of SWARM_RECORD_VECTOR, with its trailing zeros; of at most ENTRIES_MAX entries."""
-    flags = (_BASE if vector.is_base else 0) | (_FULL if vector.is_full else 0)
-    entries = b"".join(
-        _ENTRY.pack(*entry.key, *map(_three_bytes, (entry.upto, entry.window, entry.last, entry.acked)), entry.bits)
-        for entry in vector.entries[:ENTRIES_MAX]
-    )
+    flags = (_BASE if vector.is_base else 0) | (FULL if vector.is_full else 0)
+    entries = pack_entries(vector.entries[:ENTRIES_MAX])
     return _VECTOR.pack(vector.base_epoch, vector.mission_hash, vector.hops, flags, entries)
 
 
+def pack_entries(entries: Iterable[Entry]) -> bytes:
+    """Of a vector, as they are sent."""
+    return b"".join(
+        _ENTRY.pack(*entry.key, *map(_three_bytes, (entry.upto, entry.window, entry.last, entry.acked)), entry.bits)
+        for entry in entries
+    )
+
+
 def is_record_frame(frame: bytes) -> bool:
-    """A whole MAVLink 2 frame of one of these two messages, by its header alone."""
-    return frame[7:10] in (_VECTOR_BYTES, _RECORD_BYTES)
+    """A whole MAVLink 2 frame of one of the messages of records, signed ones among them, by its header alone."""
+    return frame[7:10] in _IDS
 
 
 def read_record(frame: bytes) -> Record | None:
@@ -58,13 +75,18 @@ def read_record(frame: bytes) -> Record | None:
     if payload is None:
         return None
     made_us, log_id, number, vehicle_id, kind, size, body = _RECORD.unpack(payload)
-    if not (1 <= vehicle_id <= VEHICLE_MAX and 1 <= number <= NUMBER_MAX):
-        return None
-    if size > BODY_MAX or made_us > MADE_MAX_US:
+    return None if size > BODY_MAX else record_of(made_us, log_id, number, vehicle_id, kind, body[:size])
+
+
+def record_of(
+    made_us: int, log_id: int, number: int, vehicle_id: int, kind: int, body: bytes, signature: bytes = b""
+) -> Record | None:
+    """Of the fields as they are sent; None: they make no sense."""
+    if not (1 <= vehicle_id <= VEHICLE_MAX and 1 <= number <= NUMBER_MAX) or made_us > MADE_MAX_US:
         return None
     if kind not in RecordKind._value2member_map_:
         return None
-    return Record(vehicle_id, log_id, number, RecordKind(kind), made_us / 1e6, body[:size])
+    return Record(vehicle_id, log_id, number, RecordKind(kind), made_us / 1e6, body, signature)
 
 
 def read_vector(frame: bytes) -> Vector | None:
@@ -73,6 +95,14 @@ def read_vector(frame: bytes) -> Vector | None:
     if payload is None:
         return None
     epoch, mission_hash, hops, flags, packed = _VECTOR.unpack(payload)
+    entries = unpack_entries(packed)
+    if entries is None:
+        return None
+    return Vector(epoch, hops, flags & _BASE != 0, flags & FULL != 0, entries, mission_hash)
+
+
+def unpack_entries(packed: bytes) -> tuple[Entry, ...] | None:
+    """As they are sent -> the entries of a vector; None: they make no sense."""
     entries: list[Entry] = []
     for vehicle_id, log_id, *numbers, bits in _ENTRY.iter_unpack(packed):
         if vehicle_id == 0:
@@ -81,7 +111,7 @@ def read_vector(frame: bytes) -> Vector | None:
         if vehicle_id > VEHICLE_MAX or window < upto or window + BITMAP > NUMBER_MAX:
             return None
         entries.append(Entry(LogKey(vehicle_id, log_id), upto, window, last, acked, bits))
-    return Vector(epoch, hops, flags & _BASE != 0, flags & _FULL != 0, tuple(entries), mission_hash)
+    return tuple(entries)
 
 
 def _three_bytes(number: int) -> bytes:

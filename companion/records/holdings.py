@@ -64,6 +64,11 @@ class Holding:
         """The highest number that was ever there."""
         return max(self._beyond, default=self.upto)
 
+    def last_upto(self, most: int) -> int:
+        """The highest number, `most` at most, that is there to be sent; 0: none."""
+        number = max((ahead for ahead in self._beyond if ahead <= most), default=min(self.upto, most))
+        return number if number > self.given_up else 0
+
     @property
     def count(self) -> int:
         """Count of those that are there, and of those that were given up."""

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from companion.records.frames import HOPS_UNKNOWN
-from companion.records.holdings import Holding
+from companion.records.holdings import AHEAD_MAX, Holding
 from companion.records.record import BITMAP, Entry, LogKey, Vector
 
 HEARD_S: Final = 5.0  # five vectors: a node that was not heard for so long is out of range
+TOLD_S: Final = 1.5  # a vector of the last second, or so
 HOPS_MAX: Final = 16  # farther off, a base station that has gone would be passed on in a circle
 LAG_S: Final = 0.7  # a vector that comes so soon after a record was on the air knows not of it: radio, then the disk
 WAIT_S: Final = 0.3  # before a record of another's is passed on: its writer may be in range, too
@@ -47,9 +48,14 @@ class _Peer:
 class Peers:
     """Bounded by the number of vehicles: callers let in only those that the mission has, and the base station."""
 
-    def __init__(self, me: int, members: int) -> None:
-        """`members`: number of vehicles of the swarm."""
+    def __init__(self, me: int, members: int, *, introduces: bool = False) -> None:
+        """`members`: number of vehicles of the swarm.
+
+        `introduces`: others believe in a record that they have, and in no word of one: they are sent the last of each
+        log that they know less of.
+        """
         self._me = me
+        self._introduces = introduces
         self._slots = min(SLOTS_MAX, max(2, members))
         self._peers: dict[int, _Peer] = {}
         self._aired_s: dict[Numbered, float] = {}
@@ -80,6 +86,10 @@ class Peers:
         """Number of nodes in range."""
         return sum(now_s - peer.heard_s <= HEARD_S for peer in self._peers.values())
 
+    def hears(self, node: int, now_s: float) -> bool:
+        """This node is in range."""
+        return node in self._peers and now_s - self._peers[node].heard_s <= HEARD_S
+
     def hops(self, now_s: float) -> int:
         """From this node to the base station, over those that are heard; HOPS_UNKNOWN: none of them knows."""
         nearest = min((peer.hops for peer in self._in_range(now_s)), default=HOPS_UNKNOWN)
@@ -103,11 +113,35 @@ class Peers:
             reach = 0 if peer.hops == 0 else 1 if peer.hops < hops else 2
             for number in self._lacking(holding, entry, told_s):
                 due_s = told_s if key == own else told_s + WAIT_S
-                candidate = Candidate(reach, key != own, number, key, due_s)
-                before = found.get((key, number))
-                if before is None or candidate < before:
-                    found[key, number] = candidate
+                _put(found, Candidate(reach, key != own, number, key, due_s))
+        if self._introduces:
+            for candidate in self._introductions(holdings, own, now_s):
+                _put(found, candidate)
         return sorted(found.values())[:PLAN_MAX]
+
+    def _introductions(self, holdings: Mapping[LogKey, Holding], own: LogKey, now_s: float) -> Iterator[Candidate]:
+        """The last record of each log, for those that tell of no log of that name, or of an end long before."""
+        hops = self.hops(now_s)
+        for peer in self._in_range(now_s):
+            if peer.is_full:
+                continue
+            reach = 0 if peer.hops == 0 else 1 if peer.hops < hops else 2
+            for key, holding in holdings.items():
+                entry, told_s = peer.entries.get(key, (None, 0.0))
+                if entry is None or now_s - told_s > HEARD_S:
+                    told_s, known, most = peer.heard_s, 0, AHEAD_MAX
+                else:
+                    known, most = max(entry.last, entry.window + BITMAP), entry.upto + AHEAD_MAX
+                number = holding.last_upto(most)
+                if number > known and not self.is_aired_since(key, number, told_s - LAG_S):
+                    yield Candidate(reach, key != own, number, key, told_s if key == own else told_s + WAIT_S)
+
+    def lacks_acknowledgement(self, key: LogKey, acked: int, now_s: float) -> bool:
+        """A node in range has just told that it knows less of this log to be at the base station."""
+        return any(
+            key in peer.entries and now_s - peer.entries[key][1] <= TOLD_S and peer.entries[key][0].acked < acked
+            for peer in self._in_range(now_s)
+        )
 
     def _pairs(self, now_s: float) -> list[tuple[_Peer, LogKey]]:
         """Nodes and logs that the next plan looks at: PAIRS_MAX at most, by turns, the base station's among them."""
@@ -149,3 +183,9 @@ class Peers:
             if now_s - self._aired_s[oldest] <= HEARD_S + LAG_S:
                 return
             del self._aired_s[oldest]
+
+
+def _put(found: dict[Numbered, Candidate], candidate: Candidate) -> None:
+    before = found.get((candidate.key, candidate.number))
+    if before is None or candidate < before:
+        found[candidate.key, candidate.number] = candidate

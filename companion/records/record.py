@@ -40,11 +40,17 @@ class Record:
     kind: RecordKind
     made_s: float  # by its writer's clock; to the microsecond
     body: bytes  # at most BODY_MAX bytes: what one MAVLink frame holds
+    signature: bytes = b""  # its writer's, in a swarm with keys
 
     @property
     def key(self) -> LogKey:
         """The log that it is in."""
         return LogKey(self.vehicle_id, self.log_id)
+
+    @property
+    def proven(self) -> bool:
+        """Signed by its writer: one that is stored was checked before."""
+        return self.signature != b""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,12 +11,15 @@ import errno
 import sqlite3
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 from companion.records.holdings import Holding
 from companion.records.record import BASE_ID, Draft, LogKey, Record, RecordKind
-from companion.records.store_file import APPLICATION_ID, foreign_reason
+from companion.records.signed import stored
+from companion.records.signed.keys import RecordKeys
+from companion.records.store_file import connect, foreign_reason, set_aside
 
 RECORDS_MAX: Final = 200_000  # of a vehicle: two days of eight vehicles at one record in 7 s; about 60 MB
 BASE_RECORDS_MAX: Final = 5_000_000  # of the base station: about 1.5 GB
@@ -47,7 +50,9 @@ CREATE TABLE IF NOT EXISTS log (
   vehicle_id INTEGER NOT NULL, log_id INTEGER NOT NULL, given_up INTEGER NOT NULL, acked INTEGER NOT NULL,
   PRIMARY KEY (vehicle_id, log_id)) WITHOUT ROWID;
 """
-_INSERT: Final = "INSERT OR IGNORE INTO record VALUES (?, ?, ?, ?, ?, ?)"
+_INSERT: Final = (
+    "INSERT OR IGNORE INTO record (vehicle_id, log_id, number, kind, made_s, body{}) VALUES (?, ?, ?, ?, ?, ?{})"
+)
 _ACK: Final = "INSERT INTO log VALUES (?1, ?2, 0, ?3) ON CONFLICT (vehicle_id, log_id) DO UPDATE SET acked = ?3"
 _GIVE_UP: Final = (
     "INSERT INTO log VALUES (?1, ?2, ?3, 0) ON CONFLICT (vehicle_id, log_id) DO UPDATE SET given_up = max(given_up, ?3)"
@@ -106,12 +111,17 @@ class RecordStore:
         records_max: int | None = None,
         is_synced: bool = True,
         mission_hash: int | None = None,
+        keys: RecordKeys | None = None,
     ) -> None:
         """`draw`: a random uint32. StoreError for a file that cannot be opened, is damaged, or is no store.
 
         `is_synced` False: of a vehicle that is simulated, as this computer's own power is not at stake.
         `mission_hash`: of the mission whose records alone belong here; None: of any, to read them.
+        `keys`: of a swarm with keys: own records are signed, and what nobody has signed is set apart.
         """
+        self.set_apart = 0  # records that are no more among the others
+        self._keys = keys
+        self._insert = _INSERT.format(", signature", ", ?") if keys else _INSERT.format("", "")
         self._me = me
         self._draw = draw
         self._mission_hash = mission_hash
@@ -122,10 +132,10 @@ class RecordStore:
                 why = "" if path == MEMORY else foreign_reason(Path(path))
                 if why:
                     raise StoreError(why)
-                self._writing = opened.enter_context(contextlib.closing(_connect(path, is_synced)))
+                self._writing = opened.enter_context(contextlib.closing(connect(path, is_synced)))
                 self._reading = self._writing
                 if path != MEMORY:
-                    self._reading = opened.enter_context(contextlib.closing(_connect(path, is_synced)))
+                    self._reading = opened.enter_context(contextlib.closing(connect(path, is_synced)))
                 self._prepare()
             except (ValueError, TypeError) as error:  # numbers that are none
                 raise StoreError("damaged", is_damaged=True) from error
@@ -147,6 +157,10 @@ class RecordStore:
             if mission_hash is not None and self._meta("mission_hash", mission_hash) != mission_hash:
                 raise StoreError("holds the records of another mission")
             self.own_log = LogKey(self._me, self._meta("own_log", self._draw()))
+            if self._keys is None:
+                stored.forget_keys(self._writing)
+            else:
+                self.set_apart = stored.prepare(self._writing, self._keys, self.own_log)
         if self._writing.execute("PRAGMA quick_check(1)").fetchone() != ("ok",):
             raise ValueError("damaged")
         self.holdings(), self.acked()  # can be read
@@ -158,6 +172,13 @@ class RecordStore:
         """Of the base station's file that `acked` is about; 0: none."""
         found = self._reading.execute("SELECT value FROM meta WHERE name = 'base_epoch'").fetchone()
         return 0 if found is None else int(found[0])
+
+    def count_start(self) -> int:
+        """Count of the times that the file was opened to be used, with this one."""
+        with self._transaction():
+            count = self._meta("starts", 0) + 1
+            self._writing.execute("UPDATE meta SET value = ? WHERE name = 'starts'", (count,))
+        return count
 
     def made(self, epoch_s: int) -> int:
         """Time at which this file was made: `epoch_s` where it is new. Of the base station."""
@@ -185,10 +206,13 @@ class RecordStore:
         """One record; None: it is not here (any more), or cannot be read."""
         try:
             row = self._reading.execute(
-                "SELECT kind, made_s, body FROM record WHERE vehicle_id = ? AND log_id = ? AND number = ?",
+                f"SELECT kind, made_s, body, {'signature' if self._keys else 'NULL'} FROM record "
+                "WHERE vehicle_id = ? AND log_id = ? AND number = ?",
                 (*key, number),
             ).fetchone()
-            return None if row is None else Record(*key, number, RecordKind(row[0]), float(row[1]), bytes(row[2]))
+            if row is None:
+                return None
+            return Record(*key, number, RecordKind(row[0]), float(row[1]), bytes(row[2]), bytes(row[3] or b""))
         except (sqlite3.Error, ValueError, TypeError):
             return None
 
@@ -226,9 +250,11 @@ class RecordStore:
             Record(*self.own_log, self._last + k, draft.kind, draft.made_s, draft.body)
             for k, draft in enumerate(batch.own[:room], start=1)
         ]
+        if self._keys is not None:
+            own = [self._keys.sign(record) for record in own]
         others = batch.others[: max(0, room - len(own))]
         before = self._writing.total_changes
-        self._writing.executemany(_INSERT, [_row(record) for record in (*own, *others)])
+        self._writing.executemany(self._insert, [self._row(record) for record in (*own, *others)])
         self._count += self._writing.total_changes - before
         self._last += len(own)
         return Written(self.own_log, own, others, given_up, len(batch.own) - len(own), moved)
@@ -241,6 +267,11 @@ class RecordStore:
             "UPDATE record SET log_id = ?, number = number - ? WHERE vehicle_id = ? AND log_id = ? AND number > ?",
             (self.own_log.log_id, first, *old, first),
         ).rowcount
+        if self._keys is not None:  # which number it has is signed, too
+            self._writing.execute(
+                "UPDATE record SET signature = NULL WHERE (vehicle_id, log_id) = (?, ?)", self.own_log
+            )
+            stored.sign_log(self._writing, self._keys, self.own_log)
         self._writing.execute("UPDATE meta SET value = ? WHERE name = 'own_log'", (self.own_log.log_id,))
         self._last, self._opened_last = moved, 0
         return moved
@@ -293,6 +324,10 @@ class RecordStore:
         self._writing.execute("INSERT OR IGNORE INTO meta VALUES (?, ?)", (name, default))
         return int(self._writing.execute("SELECT value FROM meta WHERE name = ?", (name,)).fetchone()[0])
 
+    def _row(self, record: Record) -> tuple[object, ...]:
+        named = (record.vehicle_id, record.log_id, record.number, int(record.kind), record.made_s, record.body)
+        return named if self._keys is None else (*named, record.signature)
+
     @contextlib.contextmanager
     def _transaction(self) -> Iterator[None]:
         self._writing.execute("BEGIN IMMEDIATE")
@@ -306,49 +341,27 @@ class RecordStore:
 
 
 def open_store(
-    path: Path, me: int, draw: Callable[[], int], *, is_synced: bool = True, mission_hash: int | None = None
+    path: Path,
+    me: int,
+    draw: Callable[[], int],
+    *,
+    is_synced: bool = True,
+    mission_hash: int | None = None,
+    keys: RecordKeys | None = None,
 ) -> tuple[RecordStore, str]:
-    """The store in `path`, and a line where a damaged file was set aside for it. StoreError where there can be none."""
+    """The store in `path`, and a line where a file, or records, were set aside. StoreError where there can be none."""
+    open_it = partial(RecordStore, path, me, draw, is_synced=is_synced, mission_hash=mission_hash, keys=keys)
     try:
-        return RecordStore(path, me, draw, is_synced=is_synced, mission_hash=mission_hash), ""
+        store = open_it()
+        return store, f"{store.set_apart} that nobody has signed: set apart" if store.set_apart else ""
     except StoreError as error:
         if not error.is_damaged:
             raise
     try:
-        aside = _set_aside(path)
-        store = RecordStore(path, me, draw, is_synced=is_synced, mission_hash=mission_hash)
-        return store, f"{path.name} was damaged: set aside as {aside}"
+        aside = set_aside(path)
+        return open_it(), f"{path.name} was damaged: set aside as {aside}"
     except OSError as error:
         raise StoreError(_reason(error)) from error
-
-
-def _set_aside(path: Path) -> str:
-    """Renames a damaged file, and what belongs to it: somebody may save what is in it."""
-    for count in range(1, 100):
-        aside = path.with_name(f"{path.name}.damaged-{count}")
-        if not aside.exists():
-            break
-    path.rename(aside)
-    for ending in ("-wal", "-shm"):
-        with contextlib.suppress(FileNotFoundError):
-            path.with_name(path.name + ending).rename(aside.with_name(aside.name + ending))
-    return aside.name
-
-
-def _connect(path: Path | str, is_synced: bool) -> sqlite3.Connection:
-    connection = sqlite3.connect(path, timeout=1.0, isolation_level=None, check_same_thread=False)
-    connection.execute(f"PRAGMA synchronous = {'FULL' if is_synced else 'OFF'}")
-    if connection.execute("PRAGMA application_id").fetchone() != (APPLICATION_ID,):
-        connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")  # in the file itself, before there is a WAL
-    connection.execute("PRAGMA journal_mode = WAL")
-    return connection
-
-
-def _row(record: Record) -> tuple[int, int, int, int, float, bytes]:
-    return (
-        *(record.vehicle_id, record.log_id, record.number),
-        *(int(record.kind), record.made_s, record.body),
-    )
 
 
 def _is_damage(error: Exception) -> bool:

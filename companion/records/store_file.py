@@ -1,7 +1,8 @@
-"""Tells a store of records from any other file, before SQLite touches it: what is not ours is left as it is."""
+"""The file of a store: told from any other before SQLite touches it, opened, set aside; what is not ours is left."""
 
 from __future__ import annotations
 
+import contextlib
 import sqlite3
 from contextlib import closing
 from pathlib import Path
@@ -58,3 +59,26 @@ def _has_wal(path: Path) -> bool:
             return file.read(4) in _WAL_MAGIC
     except FileNotFoundError:
         return False
+
+
+def set_aside(path: Path) -> str:
+    """Renames a damaged file, and what belongs to it: somebody may save what is in it."""
+    for count in range(1, 100):
+        aside = path.with_name(f"{path.name}.damaged-{count}")
+        if not aside.exists():
+            break
+    path.rename(aside)
+    for ending in ("-wal", "-shm"):
+        with contextlib.suppress(FileNotFoundError):
+            path.with_name(path.name + ending).rename(aside.with_name(aside.name + ending))
+    return aside.name
+
+
+def connect(path: Path | str, is_synced: bool) -> sqlite3.Connection:
+    """A connection to a store. sqlite3.Error."""
+    connection = sqlite3.connect(path, timeout=1.0, isolation_level=None, check_same_thread=False)
+    connection.execute(f"PRAGMA synchronous = {'FULL' if is_synced else 'OFF'}")
+    if connection.execute("PRAGMA application_id").fetchone() != (APPLICATION_ID,):
+        connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")  # in the file itself, before there is a WAL
+    connection.execute("PRAGMA journal_mode = WAL")
+    return connection

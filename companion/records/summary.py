@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import io
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol
 
 import cbor2
 
+from companion.mavlink.harvest import StandUpdate
 from companion.records.record import BODY_MAX
 
 FIELDS: Final = 10
@@ -49,6 +50,16 @@ class StandSummary:
         if basal.low is None or basal.high is None:
             return f"{stems}; {basal.value:.0f} m2/ha, error not known yet"
         return f"{stems}; {basal.value:.0f} +/- {(basal.high - basal.low) / 2.0:.0f} m2/ha"
+
+
+class StandFusion(Protocol):
+    """Fuses the records that this vehicle has, while it leads: beside the loop, never in it."""
+
+    def take_update(self, *, leads: bool, now_s: float) -> StandUpdate | None:
+        """Once a tick; `leads`: this vehicle does. The newest figures, once; None: there are no new ones."""
+
+    def lines(self) -> list[str]:
+        """Lines for the operator, since last asked."""
 
 
 def encode_summary(summary: StandSummary) -> bytes:

@@ -82,6 +82,10 @@ class WriteQueue:
         if len(self._copies) < COPIES_MAX and not self.is_full(now_s):
             self._copies.setdefault((record.key, record.number), record)
 
+    def has_copy(self, record: Record) -> bool:
+        """This very record waits already."""
+        return self._copies.get((record.key, record.number)) == record
+
     def is_full(self, now_s: float) -> bool:
         """Others need not send anything now."""
         return now_s < self._full_until_s

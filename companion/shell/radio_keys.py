@@ -46,6 +46,7 @@ class RadioKeys(NamedTuple):
     orders: OrderBook | None
     lines: list[str]  # for the log
     autopilot_gate: Gate | None = None  # of a link that is signed
+    session: Session | None = None  # of the radio
 
 
 def open_keys(
@@ -71,7 +72,7 @@ def open_keys(
     gate = open_autopilot_gate(keyring) if signs_autopilot else None
     if gate is not None:
         lines.append("autopilot link signed: what it sends without the key is refused")
-    return RadioKeys(SignedGuard(session), orders, lines, gate)
+    return RadioKeys(SignedGuard(session), orders, lines, gate, session)
 
 
 def open_autopilot_gate(keyring: Keyring) -> LinkSigning:
@@ -79,12 +80,12 @@ def open_autopilot_gate(keyring: Keyring) -> LinkSigning:
     return LinkSigning(link_key(keyring), timestamp=timestamp_at(time.time()))
 
 
-def open_base_guard(key: str | None, mission: str) -> Guard | None:
+def open_base_session(key: str | None, mission: str) -> Session | None:
     """The base station's, by the operator's key file; None: whoever is in range is heard. KeyFileError."""
     if key is None:
         return None
     harden_process()
-    return SignedGuard(open_radio_session(load_keyring(key, OPERATOR), BASE_ID, mission))
+    return open_radio_session(load_keyring(key, OPERATOR), BASE_ID, mission)
 
 
 def open_radio_session(keyring: Keyring, me: int, mission: str) -> Session:

@@ -7,9 +7,11 @@ import secrets
 from contextlib import ExitStack
 from pathlib import Path
 
-from companion.records.exchange import RecordExchange, StandFusion
+from companion.mavlink.peers.session import Session
+from companion.records.exchange import RecordExchange
 from companion.records.node import mission_hash, open_records
 from companion.records.store import RecordStore
+from companion.records.summary import StandFusion
 from companion.records.write_queue import DirectWriter, RecordWriter
 from companion.shell.record_writer import ThreadedWriter
 from companion.shell.service import STATE
@@ -18,9 +20,19 @@ from mission.document.model import Mission
 
 
 def records_of(
-    mission: Mission, vehicle_id: int, path: Path, opened: ExitStack, *, mission_file: Path, beside_loop: bool
+    mission: Mission,
+    vehicle_id: int,
+    path: Path,
+    opened: ExitStack,
+    *,
+    mission_file: Path,
+    beside_loop: bool,
+    session: Session | None = None,
 ) -> RecordExchange:
-    """This vehicle's records in `path`. `beside_loop`: written and fused there, else while the loop waits."""
+    """This vehicle's records in `path`. `beside_loop`: written and fused there, else while the loop waits.
+
+    `session`: its keys, in a swarm that has them.
+    """
 
     def writer(store: RecordStore) -> RecordWriter:
         opened.callback(store.close)
@@ -39,7 +51,7 @@ def records_of(
         opened.callback(made.close)
         return made
 
-    return open_records(mission, vehicle_id, path, draw_log, writer=writer, fusion=fusion)
+    return open_records(mission, vehicle_id, path, draw_log, writer=writer, fusion=fusion, session=session)
 
 
 def draw_log() -> int:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from companion.stand.fusion.fuse import TooManyError
 from companion.stand.products.write import describe_products, write_products
-from companion.stand.records import RecordsError, read_records
+from companion.stand.records import RecordsError, count_set_apart, read_records
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
 from mission.common.problems import MissionError
 from mission.document.load import load_mission
@@ -27,4 +27,7 @@ def stand(arguments: argparse.Namespace) -> int:
         print(f"companion: {error}", file=sys.stderr)
         return EXIT_ENVIRONMENT
     print("\n".join([*(f"wrote {file}" for file in written.files), describe_products(written)]))
+    apart = count_set_apart(Path(arguments.records))
+    if apart:
+        print(f"left out: {apart} records that were there before the swarm had keys, and that nobody has signed")
     return EXIT_DONE

@@ -15,7 +15,7 @@ from companion.survey.track import TRACK_KIND, TrackPoint, decode_track
 
 MAX_RECORDS: Final = 250_000  # 12 vehicles for an hour: 21,600 of the track, and 19 observations of each of 5,000 stems
 ASTRAY_M: Final = 3_000.0  # from the median of all positions: no swarm surveys so far apart
-TABLES: Final = frozenset({"meta", "record", "log"})  # of a store
+TABLES: Final = frozenset({"meta", "record", "log", "unproven", "writer"})  # of a store
 RESTART_S: Final = 5.0  # made so much before an earlier number of its log: the writer's clock has started anew
 Key = tuple[int, int, int]  # vehicle_id, log_id, number
 Session = tuple[int, int, int]  # vehicle_id, log_id, how often the clock had started anew
@@ -36,6 +36,8 @@ class RecordLike(Protocol):
     def made_s(self) -> float: ...
     @property
     def body(self) -> bytes: ...
+    @property
+    def proven(self) -> bool: ...
 
 
 class StoredRecord(NamedTuple):
@@ -47,6 +49,7 @@ class StoredRecord(NamedTuple):
     kind: int
     made_s: float
     body: bytes
+    proven: bool = False  # signed by its writer: the store has taken it for that alone
 
 
 class KeyedObservation(NamedTuple):
@@ -72,6 +75,7 @@ class LogCount(NamedTuple):
     log_id: int
     records: int
     at_least: int
+    proven: int  # of `records`, those that their writer has signed
 
     @property
     def missing(self) -> int:
@@ -93,8 +97,16 @@ class Harvest(NamedTuple):
         for r in self.records:  # sorted
             before = found.get((r.vehicle_id, r.log_id))
             here = 1 if before is None else before.records + 1
-            found[r.vehicle_id, r.log_id] = LogCount(r.vehicle_id, r.log_id, here, max(here, r.number))
+            proven = r.proven + (0 if before is None else before.proven)
+            found[r.vehicle_id, r.log_id] = LogCount(r.vehicle_id, r.log_id, here, max(here, r.number), proven)
         return tuple(found.values())
+
+    def unproven_line(self) -> str | None:
+        """Line for people where some are signed and some not; None: all are, or none, as in a swarm without keys."""
+        unproven = sum(not r.proven for r in self.records)
+        if unproven in (0, len(self.records)):
+            return None
+        return f"{unproven} of {len(self.records)} records are signed by nobody"
 
     def missing_line(self) -> str | None:
         """Line for people on records that are missing; None: none that is known of."""
@@ -118,8 +130,11 @@ def read_records(path: Path) -> list[StoredRecord]:
     foreign = ""
     try:
         with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as database:
+            columns = {row[1] for row in database.execute("PRAGMA table_info(record)")}
+            proven = "signature IS NOT NULL" if "signature" in columns else "0"
             rows = database.execute(
-                "SELECT vehicle_id, log_id, number, kind, made_s, body FROM record LIMIT ?", (MAX_RECORDS + 1,)
+                f"SELECT vehicle_id, log_id, number, kind, made_s, body, {proven} FROM record LIMIT ?",
+                (MAX_RECORDS + 1,),
             ).fetchall()
             if not rows:  # a database of something else, in which a base station once looked
                 names = {
@@ -132,12 +147,22 @@ def read_records(path: Path) -> list[StoredRecord]:
         raise RecordsError(f"{path}: no store of records: it holds none, and the table {foreign}")
     if len(rows) > MAX_RECORDS:
         raise RecordsError(f"{path}: holds more than {MAX_RECORDS} records")
-    found = [StoredRecord(*row) for row in rows]
+    found = [StoredRecord._make((*row[:6], row[6] == 1)) for row in rows]
     for record in found:
         is_whole = all(isinstance(field, int) for field in record[:4]) and isinstance(record.made_s, int | float)
         if not (is_whole and isinstance(record.body, bytes)):
             raise RecordsError(f"{path}: record {record[:3]} is no record")
     return found
+
+
+def count_set_apart(path: Path) -> int:
+    """Records of the store in `path` that nobody has signed, and that it keeps apart since it has keys."""
+    with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as database:
+        try:
+            (count,) = database.execute("SELECT count(*) FROM unproven").fetchone()
+        except sqlite3.Error:  # of a swarm without keys
+            return 0
+    return int(count)
 
 
 def harvest_of(records: Iterable[RecordLike]) -> Harvest:

@@ -32,7 +32,7 @@ class DirectFusion:
             return None
         self._due_s = now_s + PERIOD_S
         try:
-            summary = summarise(map(StoredRecord._make, self._store.rows()), self._mission)
+            summary = summarise((StoredRecord(*row) for row in self._store.rows()), self._mission)
         except TooManyError as error:
             self._lines.append(f"stand: not fused: {error}")
             return None

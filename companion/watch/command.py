@@ -17,12 +17,13 @@ from typing import Any, Final, Protocol
 from companion.keys.key_file import KeyFileError, load_keyring
 from companion.keys.keyring import OPERATOR
 from companion.keys.process import harden_process
-from companion.mavlink.peers.session import BASE_ID, open_session
+from companion.mavlink.peers.session import BASE_ID, Session, open_session
 from companion.order.radio import open_operator
+from companion.records.node import mission_hash
+from companion.records.signed.keys import record_keys
 from companion.shell.links import LinkError
+from companion.shell.urls import HEARING_SCHEMES, parse_url
 from companion.watch.alarms import alarms
-from companion.watch.chart import Chart, ChartError
-from companion.watch.charts import open_chart
 from companion.watch.heard import Heard
 from companion.watch.listening_guard import ListeningGuard
 from companion.watch.orders.desk import OrderDesk
@@ -32,6 +33,8 @@ from companion.watch.orders.server import OrderServer
 from companion.watch.server import Stream, WatchServer
 from companion.watch.udp_receiver import UdpReceiver
 from mission import __version__
+from mission.basemap.chart import Chart, ChartError
+from mission.basemap.charts import open_chart
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
 from mission.common.frames import LocalFrame, enu_to_ned
 from mission.common.network import own_addresses
@@ -60,7 +63,7 @@ def watch(arguments: argparse.Namespace) -> int:
     with ExitStack() as opened:
         try:
             mission = None if arguments.mission is None else _mission(arguments.mission)
-            guard = None if arguments.key is None else _guard(arguments.key, arguments.mission)
+            session = None if arguments.key is None else _session(arguments.key, arguments.mission)
             chart = _chart(arguments.map, arguments.utm)
             if chart is not None:
                 opened.callback(chart.close)
@@ -82,8 +85,11 @@ def watch(arguments: argparse.Namespace) -> int:
         opened.callback(stream.close)
         with contextlib.suppress(OSError):
             print("\n".join([f"watching {arguments.peers}", *_addresses(server)]), flush=True)
+        heard = Heard()
+        if session is not None and mission is not None:
+            heard = Heard(ListeningGuard(session), record_keys(session, mission_hash(mission)))
         still = {"about": about(mission, chart)}
-        _listen(Heard(guard), receiver, stream, stop, lambda now_s: {**still, **told(now_s)}, mission)
+        _listen(heard, receiver, stream, stop, lambda now_s: {**still, **told(now_s)}, mission)
     return EXIT_DONE
 
 
@@ -93,7 +99,7 @@ def _open(
     """The radio, and the page's server. ValueError, KeyFileError, OSError, LinkError."""
     address = arguments.listen
     if not arguments.orders:
-        udp_receiver = UdpReceiver(arguments.peers)
+        udp_receiver = UdpReceiver(parse_url(str(arguments.peers), HEARING_SCHEMES))
         opened.callback(udp_receiver.close)
         return udp_receiver, lambda _now_s: {"orders": None}, _bound(WatchServer, address, stream, chart)
     if arguments.key is None or mission is None:
@@ -167,14 +173,13 @@ def _listen(heard: Heard, receiver: Receiver, stream: Stream, stop: Stop, told: 
                 break
 
 
-def _guard(key: str, mission: str | None) -> ListeningGuard:
+def _session(key: str, mission: str | None) -> Session:
     """KeyFileError."""
     if mission is None:
         raise KeyFileError(f"{printable(key)}: needs --mission FILE: the swarm signs for its own mission file")
     harden_process()
     keyring = load_keyring(key, OPERATOR)
-    session = open_session(keyring, BASE_ID, bytes.fromhex(mission_sha256(mission)), UNUSED_BOOT)
-    return ListeningGuard(session)
+    return open_session(keyring, BASE_ID, bytes.fromhex(mission_sha256(mission)), UNUSED_BOOT)
 
 
 def _mission(path: str) -> Mission:

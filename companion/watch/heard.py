@@ -19,6 +19,7 @@ from companion.mavlink.framing.frames import source
 from companion.mavlink.own_messages import decode_beacon, here_of
 from companion.mavlink.relative import read_relative_report
 from companion.records.frames import is_record_frame
+from companion.records.signed.keys import RecordKeys
 from companion.watch.harvest_heard import HarvestHeard
 from companion.watch.listening_guard import ListeningGuard
 from mission.common.frames import LocalFrame, Wgs84
@@ -140,14 +141,14 @@ class _Last:
 class Heard:
     """One swarm's radio. `receive_datagram`; `picture` whenever somebody looks. Bounded: one entry a system id."""
 
-    def __init__(self, guard: ListeningGuard | None = None) -> None:
-        """`guard`: of a swarm with keys; None: whoever is in range is shown."""
+    def __init__(self, guard: ListeningGuard | None = None, keys: RecordKeys | None = None) -> None:
+        """`guard`, `keys` (of its records): of a swarm with keys; None: whoever is in range is shown."""
         self._guard = guard
         self._last: dict[int, _Last] = {}
         self._reports: dict[int, RelativeReport] = {}  # the last of each vehicle: it comes before its beacon
         self._told: dict[int, tuple[Told, float]] = {}
         self._other_versions: set[int] = set()
-        self.harvest: Final = HarvestHeard()
+        self.harvest: Final = HarvestHeard(keys)
         self._refused = 0
         self._heard_s: float | None = None
         self._agreed_s = 0.0
@@ -181,7 +182,7 @@ class Heard:
                 return True
             if is_record_frame(frame):
                 is_ours = guard is None or guard.admits(frame, now_s, named=False)
-                return is_ours and self.harvest.take_frame(frame)
+                return is_ours and self.harvest.take_frame(frame, now_s)
             report = read_relative_report(frame)
             if report is None:
                 return False

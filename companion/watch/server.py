@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Final
 from urllib.parse import parse_qs, urlsplit
 
-from companion.watch.chart import ZOOM_MAX, Chart
+from mission.basemap.chart import ZOOM_MAX, Chart
 from mission.common.network.connections import (
     SEND_BUFFER_BYTES,
     Connections,

@@ -52,6 +52,7 @@ def check_document(document: Document, path: str | os.PathLike[str]) -> Findings
         *_idle(mission),
         *_layers(mission),
         *_survey(mission),
+        *_sensors(mission),
         *([lacking] if lacking else []),
         *notes,
     ]
@@ -75,6 +76,17 @@ def _idle(mission: Mission) -> Iterator[str]:
     idle = [key for key, is_said in said.items() if is_said]
     if idle:
         yield f"all have GNSS (swarm.gnss): nothing comes of {', '.join(idle)}"
+
+
+def _sensors(mission: Mission) -> Iterator[str]:
+    """Notes which sensors that it names are not to be had on this computer: vehicles and simulator need them."""
+    if mission.sensors:
+        from mission.common.entry_points import SENSORS, installed_names
+
+        here = installed_names(SENSORS)
+        absent = [name for name in mission.sensors if name not in here]
+        if absent:
+            yield f"sensors: {', '.join(absent)} is in no package that is installed here: each vehicle needs it"
 
 
 def _layers(mission: Mission) -> Iterator[str]:

@@ -14,8 +14,8 @@ from mission.common.exit_codes import EXIT_DONE, EXIT_ENVIRONMENT
 
 _ABOUT = """\
 Serves a page on this computer, at 127.0.0.1, and prints its address. There one plans by clicking: stem map, d1, d2,
-stops and fence on the map, numbers beside it. Each change is checked as `mission check` does, and written by Save alone;
-a stem map from elsewhere is copied beside the mission. Ctrl-C ends it.
+stops and fence on the map, numbers beside it. Each change is checked as `mission check` does, and written by Save
+alone; a stem map from elsewhere is copied beside the mission. Ctrl-C ends it.
 """
 LOOK_S = 0.2  # at whether it is to stop
 

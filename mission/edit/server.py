@@ -19,10 +19,12 @@ from typing import Any, ClassVar, Final
 from urllib.parse import parse_qs, unquote, urlsplit
 
 from mission.common.network.connections import (
+    CHUNK_BYTES,
     SEND_BUFFER_BYTES,
     Connections,
     Patience,
     TooSlowError,
+    read_body,
     read_head,
     send_within,
 )
@@ -142,25 +144,23 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         self.rfile.close()
         self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
         self.wfile = _Writer(self.connection, self.server)
-        self._came = b""  # so far; once the head is read, what came of the body with it
 
     def handle(self) -> None:
         """One request, whole and in time, and its answer."""
         server = self.server
         try:
-            head = read_head(self._read_some, server.clock, server.clock() + server.patience.head_s)
+            until_s = server.clock() + server.patience.head_s
+            head, self._behind_head = read_head(self._read_some, server.clock, until_s)
             if head:
                 server.mark_asked(self.request)
                 self.rfile = io.BytesIO(head)
-                self._came = self._came[len(head) :]
                 self.handle_one_request()
         except (TooSlowError, OSError):  # it has gone, or dawdles
             pass
 
     def _read_some(self, wait_s: float) -> bytes:
         self.connection.settimeout(wait_s)
-        data: bytes = self.connection.recv(4096)
-        self._came += data
+        data: bytes = self.connection.recv(CHUNK_BYTES)
         return data
 
     def do_GET(self) -> None:
@@ -207,24 +207,10 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         said = self.headers.get("Content-Length", "")
         if not (said.isascii() and said.isdecimal() and len(said) < 12):
             raise RefusalError(HTTPStatus.LENGTH_REQUIRED, "must have a Content-Length")
-        left = int(said)
-        if left > BODY_MAX_BYTES:
+        if int(said) > BODY_MAX_BYTES:
             raise RefusalError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"must be at most {BODY_MAX_BYTES >> 20} MiB")
         clock = self.server.clock
-        until_s = clock() + BODY_S
-        parts = [self._came[:left]]
-        left -= len(parts[0])
-        while left:
-            wait_s = until_s - clock()
-            if wait_s <= 0.0:
-                raise TooSlowError(f"no whole body in time ({left} bytes left)")
-            self.connection.settimeout(wait_s)
-            part = self.connection.recv(min(left, 1 << 16))
-            if not part:
-                raise TooSlowError("the client has gone")
-            parts.append(part)
-            left -= len(part)
-        return b"".join(parts)
+        return read_body(self._read_some, self._behind_head, int(said), clock, clock() + BODY_S)
 
     def _host_is_ours(self) -> bool:
         """The address itself: a page elsewhere cannot have its own name lead here."""

@@ -511,12 +511,24 @@ class Ranging(Table):
     ] = 10.0
 
 
+SensorName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_-]{0,31}$")]
+
+
 class MissionTables(Table):
     """All tables of a mission file, each valid by itself; mission.rules says what they must satisfy together."""
 
     # The key `schema` of the file: pydantic keeps that attribute for itself
     schema_version: Integer = Field(alias="schema", ge=1, le=1, description="Version of this layout.", examples=[1])
     name: Annotated[Text, Field(max_length=80, description="For people: it heads reports and logs.")] = ""
+    sensors: Annotated[
+        tuple[SensorName, ...],
+        Field(
+            max_length=8,
+            description="Sensors of installed packages (entry points `understory.sensors`) that every vehicle carries "
+            "besides, by name.",
+            examples=[["rangefinder"]],
+        ),
+    ] = ()
     origin: Annotated[
         Origin | None,
         Field(description="Anchor of the ENU frame on Earth. Optional: the simulator supplies one."),

@@ -275,7 +275,7 @@ def fly(
         world = World(mission, make, links=LINKS, stand=stand)
         lost_early: list[CompanionLostError] = []
         companions: list[Companion] = []
-        harvest = harvest_of(mission, world, folder, stack, None if keys is None else keys.guard)
+        harvest = harvest_of(mission, world, folder, stack, keys)
         if forks is None or folder is None:
             beacons = Reader(world.frame, remembers=BEACONS_REMEMBERED)
             boxes = boxes_of(mission, folder if black_box else None, entrant.note())
@@ -359,9 +359,9 @@ def _in_process(
     vehicle_id: int,
 ) -> InProcess:
     """A companion in this process, with the disk that its vehicle has."""
+    guard, orders = (None, None) if keys is None else (keys.guard(vehicle_id), keys.orders(vehicle_id))
     records = None if harvest is None else harvest.open(vehicle_id)
     disk = None if harvest is None else harvest.disks[vehicle_id]
-    guard, orders = (None, None) if keys is None else (keys.guard(vehicle_id), keys.orders(vehicle_id))
     box = boxes(vehicle_id, guard, orders)
     one = partial(InProcess, mission, vehicle_id, beacons=beacons, stages=stages, records=records, disk=disk)
     return one(guard=guard, orders=orders, box=box)

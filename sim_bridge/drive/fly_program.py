@@ -30,6 +30,7 @@ from sim_bridge.drive.live.audience import LOOK_S, is_attended, stay
 from sim_bridge.drive.live.live import CONTROLS, Live
 from sim_bridge.drive.live.map import Map
 from sim_bridge.drive.live.pace import Pace
+from sim_bridge.drive.live.ros2_open import check_options, open_topics
 from sim_bridge.drive.lockstep.fleet_keys import FleetKeys
 from sim_bridge.errors import StartError
 from sim_bridge.judge import page
@@ -51,6 +52,7 @@ def run(args: argparse.Namespace) -> int:
     if args.signed and external is not None:
         raise StartError("--signed: flies in the bridge alone, not over --autopilots", EXIT_BAD_FILE)
     mission, original = _mission(args, external)
+    check_options(args, mission)
     interrupt_once()
     if args.stay is None:
         args.stay = is_attended()
@@ -66,20 +68,20 @@ def run(args: argparse.Namespace) -> int:
             stack.callback(map_.close)
         with Progress(sys.stderr) as progress:
             _announce(args, mission, title, map_, entrant, progress)
-            if external is None:
-                outcome = _fly(args, mission, folder, progress, title, map_, entrant)
-            else:
-                try:
+            try:
+                if external is None:
+                    outcome = _fly(args, mission, folder, progress, title, map_, entrant)
+                else:
                     outcome = fly_external(mission, external, folder, progress, map_)
-                except StartError:
-                    _leave_nothing(folder, mission.forest.file)
-                    raise
-            unwritten = write_page(outcome, folder, title, progress)
+            except StartError:
+                _leave_nothing(folder, mission.forest.file)
+                raise
             if mission.survey is not None:
                 from sim_bridge.drive.stand_files import write_stand  # numpy's and scipy's parts that only it needs
 
                 for line in write_stand(mission, folder):
                     progress.event(outcome.metrics.sim_time_s, line)
+            unwritten = write_page(outcome, folder, title, progress)  # which links what there is by now
         code = present(outcome, folder, unwritten, as_json=args.json, verbose=args.verbose)
         if map_ is not None:
             map_.send_changes(over=describe_end(outcome, folder))
@@ -149,18 +151,20 @@ def _fly(
     mission = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
     look_s = LOOK_S if args.stay else 0.0
     live = None if map_ is None else Live(map_, Pace(args.speed), title, look_s)
-    return fly(
-        mission,
-        folder,
-        progress,
-        in_process=args.agents == IN_PROCESS,
-        factor=args.speed,
-        airframes=point_mass_airframes(mission) if args.airframe == POINT_MASS else None,
-        live=live,
-        entrant=entrant,
-        keys=FleetKeys(mission) if args.signed else None,
-        black_box=args.black_box,
-    )
+    with contextlib.ExitStack() as stack:
+        return fly(
+            mission,
+            folder,
+            progress,
+            in_process=args.agents == IN_PROCESS,
+            factor=args.speed,
+            airframes=point_mass_airframes(mission) if args.airframe == POINT_MASS else None,
+            watch=open_topics(args, mission, stack),
+            live=live,
+            entrant=entrant,
+            keys=FleetKeys(mission) if args.signed else None,
+            black_box=args.black_box,
+        )
 
 
 def _leave_nothing(folder: Path, stems: str | None) -> None:

@@ -10,9 +10,9 @@ from companion.stand.products.write import describe_products, write_products
 from companion.stand.records import RecordsError, read_records
 from mission.document.model import Mission
 from sim_bridge.drive.lockstep.harvest import BASE_FILE
+from sim_bridge.judge.run_folder import STAND_FOLDER
 from sim_bridge.world.world import DEFAULT_ORIGIN
 
-STAND_FOLDER: Final = "stand"
 PLACED: Final = "no [origin]: placed at the simulator's default origin"
 
 

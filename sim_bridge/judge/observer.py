@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Final
@@ -52,7 +52,8 @@ class Observer:
                     TlogWriter(folder / f"vehicle-{k}.tlog", self._note_lost_log)
                 )
         self._kept_s = 0.0  # time of what was logged last
-        self._epoch_us = time.time_ns() // 1000
+        self.epoch_us = time.time_ns() // 1000  # Unix time of time 0
+        self.tap: Callable[[float, int, bytes], None] | None = None  # is told what the telemetry logs are
         self._framing = Framing(frozenset({dialect.MAVLINK_MSG_ID_STATUSTEXT}))
         self._said: dict[str, float] = {}
         self._reported: set[str] = set()
@@ -114,7 +115,9 @@ class Observer:
         """Log what went over a vehicle's links: `data` and then `said`, its companion's words to the autopilot."""
         if vehicle_id in self._tlogs:
             self._kept_s = now_s
-            self._tlogs[vehicle_id].write(self._epoch_us + round(now_s * 1e6), data + said)
+            self._tlogs[vehicle_id].write(self.epoch_us + round(now_s * 1e6), data + said)
+        if self.tap is not None:
+            self.tap(now_s, vehicle_id, data + said)
         if STATUSTEXT_ID in said:  # a glance, as most ticks say nothing
             self._note_texts(vehicle_id, said, now_s)
 

@@ -31,6 +31,8 @@ from sim_bridge.judge.tick import TOUCHED
 MISSION_NAME = "mission.toml"  # as it was flown
 FILE_NAME = "recording.npz"
 METRICS_NAME = "metrics.json"
+STAND_FOLDER = "stand"  # of a flight that surveyed: what `companion stand` makes
+STAND_REPORT = f"{STAND_FOLDER}/report.html"
 BEACONS_LOST = "beacons_lost"  # its key for the share of beacons that each vehicle lost
 FLOWN_BY = "flown_by"  # its key for what flew in place of ours
 BYTES_MAX = 2**30  # unpacked: 50 vehicles for 80 minutes

@@ -3,72 +3,44 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
 import sys
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from mission.cli.main import EXIT_BAD_FILE
-from mission.document.load import load_mission
-from mission.document.model import Mission
-from mission.stand.stand import Stand, stand_of
 from sim_bridge.errors import StartError
 from sim_bridge.judge import page, run_folder
-from sim_bridge.judge.fault_events import FaultEvent
-from sim_bridge.judge.metrics import Metrics, measure
 from sim_bridge.judge.outcome import print_figures
+from sim_bridge.judge.page.basemap import piece_of
 from sim_bridge.judge.page.black_boxes import box_lines, box_section, read_boxes
-from sim_bridge.judge.page.replay import Verdict, replay
 from sim_bridge.judge.progress import Progress
-from sim_bridge.judge.recording import Recording
-from sim_bridge.judge.run_folder import MISSION_NAME
-from sim_bridge.judge.verdict import judge, with_notes
+from sim_bridge.lab.compare import NAMES, compare_figures, comparison, table
+from sim_bridge.lab.judged import Judged, judged
 
 ROWS = "rows.jsonl"  # of a study's folder
-
-
-@dataclass(frozen=True, slots=True)
-class Judged:
-    """A flight out of its run folder, measured and judged anew."""
-
-    folder: Path
-    title: str
-    recording: Recording
-    mission: Mission
-    stand: Stand
-    faults: tuple[FaultEvent, ...]
-    metrics: Metrics
-    figures: dict[str, Any]
-    verdict: Verdict
-
-    def document(self) -> dict[str, Any]:
-        """The document that a page replays."""
-        return replay(
-            self.recording,
-            self.mission,
-            self.folder,
-            title=self.title,
-            metrics=self.metrics,
-            verdict=self.verdict,
-            figures=self.figures,
-            faults=self.faults,
-            stand=self.stand,
-        )
+COMPARISON = "comparison.html"
 
 
 def run(args: argparse.Namespace) -> int:
     """Exit code: 0, 1 a mission failed. RunFolderError or MissionError: a folder is not that of a flight."""
     folder: Path = args.folder
     if (folder / ROWS).is_file():
+        if args.against is not None or args.map is not None:
+            raise StartError(f"{folder}: is a study: --against and --map are for flights", EXIT_BAD_FILE)
         return _study(args)
+    if args.against is not None:
+        return _compare(args)
     with Progress(sys.stderr) as signs:
         with signs.working("measuring the flight"):
             flight = judged(folder)
         with signs.working("writing its replay"):
             boxes = read_boxes(folder)
-            text = page.page(flight.document(), flight.title, box_section(boxes))
+            document = flight.document() | _chart(args, [flight])
+            if args.out is not None:
+                document.pop("stand_report", None)  # beside which it is not
+            text = page.page(document, flight.title, box_section(boxes))
     file: Path = args.out or folder / page.PAGE_NAME
     run_folder.write(file, text.encode())
     if args.json:
@@ -83,6 +55,39 @@ def run(args: argparse.Namespace) -> int:
     if args.open:
         page.show(file)
     return 1 if flight.verdict.succeeded is False else 0
+
+
+def _compare(args: argparse.Namespace) -> int:
+    """Exit code: 0, 1 a mission of the two failed."""
+    with Progress(sys.stderr) as signs:
+        with signs.working("measuring the flights"):
+            flights = [judged(folder) for folder in (args.folder, args.against)]
+        with signs.working("writing their replay"):
+            document = comparison(*flights) | _chart(args, flights)
+            text = page.page(document, document["title"])
+    file: Path = args.out or args.folder / COMPARISON
+    run_folder.write(file, text.encode())
+    if args.json:
+        print(json.dumps(document["comparison"]))
+    else:
+        for line in document["against"]["notes"]:
+            print(line)
+        for line in table(compare_figures(*flights)):
+            print(line)
+        for name, flight in zip(NAMES, flights, strict=True):
+            print(f"{name} {flight.folder}: {flight.verdict.text or 'no verdict'}")
+        print(f"both: {file}")
+    if args.open:
+        page.show(file)
+    return 1 if any(flight.verdict.succeeded is False for flight in flights) else 0
+
+
+def _chart(args: argparse.Namespace, flights: Sequence[Judged]) -> dict[str, Any]:
+    if args.map is None:
+        if args.utm is not None:
+            raise StartError(f"--utm {args.utm}: is for an image that --map names", EXIT_BAD_FILE)
+        return {}
+    return {"chart": piece_of(args.map, args.utm, [(flight.recording, flight.mission) for flight in flights])}
 
 
 def _study(args: argparse.Namespace) -> int:
@@ -104,39 +109,3 @@ def _study(args: argparse.Namespace) -> int:
     if args.open:
         page.show(file)
     return 1 if any(row["status"] != "flown" for row in rows) or document["succeeded"] is False else 0
-
-
-def judged(folder: Path) -> Judged:
-    """The flight in `folder`. RunFolderError or MissionError: it is not that of a flight."""
-    recording = run_folder.load(folder)
-    mission = load_mission(folder / MISSION_NAME)
-    n = recording.on_ground.shape[1]
-    if n != mission.swarm.size and len(recording.time_s):
-        place = f"{folder / MISSION_NAME}: swarm.size = {mission.swarm.size}"
-        raise run_folder.RunFolderError(f"{place}: must be {n}, as many vehicles as {run_folder.FILE_NAME} has")
-    faults = run_folder.load_faults(folder, mission.swarm.size)
-    end = run_folder.load_end(folder)
-    if (folder / page.PAGE_NAME).is_dir():
-        raise run_folder.RunFolderError(f"{folder / page.PAGE_NAME}: is a folder: must be a file, or nothing")
-    stand = stand_of(mission, folder)
-    metrics = measure(recording, mission, stand, faults)
-    figures = metrics.as_dict()
-    verdict = Verdict(None, None)
-    if end is None:
-        _note(
-            f"{folder / run_folder.METRICS_NAME}: missing: why the flight ended is not known, and there is no verdict"
-        )
-    else:
-        if end.mission_sha256 not in (None, run_folder.mission_sha256((folder / MISSION_NAME).read_bytes())):
-            _note(f"{folder / MISSION_NAME}: was changed after the flight: what follows is by what it says now")
-        found = judge(metrics, mission, end.ended, faults=faults)
-        text = with_notes(found.text, end.by_estimates, end.flown_by)
-        verdict = Verdict(text, found.succeeded, end.ended)
-        figures |= {"ended": end.ended, "verdict": text, "grade": found.grade.value, "causes": list(found.causes)}
-    title = mission.name or folder.resolve().name
-    return Judged(folder, title, recording, mission, stand, faults, metrics, figures, verdict)
-
-
-def _note(text: str) -> None:
-    with contextlib.suppress(OSError):  # nobody reads it
-        print(f"sim-bridge: {text}", file=sys.stderr)

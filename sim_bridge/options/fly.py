@@ -11,6 +11,8 @@ from mission.schema.kinds import Estimates, Personality
 from sim_bridge.options.fault_forms import GRAMMAR, OPTIONS
 from sim_bridge.options.ports import PORT_FIELD, add_map
 
+ROUTER = "tcp/localhost:7447"  # where rmw_zenohd listens
+DOMAIN_MAX = 232  # of ROS 2
 SPEED_MIN = 0.01  # slower, a flight takes days
 
 
@@ -81,6 +83,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     external.add_argument(
         "--first-port", type=int, metavar="P", help=f"vehicle 1's {PORT_FIELD}, then counting up (free ones)"
     )
+    add_ros2(parser)
     parser.add_argument(
         "--black-box",
         action="store_true",
@@ -101,6 +104,47 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="with --map: wait some seconds for the first look, and keep the map, with the replay in it, until Ctrl-C "
         "when the flight is over (default: on a terminal)",
     )
+
+
+def add_ros2(parser: argparse.ArgumentParser) -> None:
+    """Adds the options for what ROS 2 sees of the flight."""
+    ros2 = parser.add_argument_group(
+        "ROS 2 over Zenoh",
+        "In the bridge alone: topics of each vehicle while it flies, as rmw_zenoh_cpp 0.2.4 and later have them "
+        "(docs/how-to/fly-with-ros-2.md). Needs the extra `zenoh`.",
+    )
+    ros2.add_argument(
+        "--zenoh",
+        nargs="?",
+        const=ROUTER,
+        metavar="ENDPOINT",
+        help=f"publish odometry, scans, setpoints, battery, state and the clock by the router or peer there ({ROUTER})",
+    )
+    ros2.add_argument(
+        "--zenoh-scans",
+        type=_vehicles,
+        default=(),
+        metavar="VEHICLES",
+        help="ids as 1,2,3: their scans are what others publish on /vehicle_K/scan, and are not simulated; the flight "
+        "goes in real time where --speed says nothing else",
+    )
+    ros2.add_argument(
+        "--ros-domain", type=_domain, metavar="N", help="default: that of ROS_DOMAIN_ID in the environment, else 0"
+    )
+
+
+def _vehicles(text: str) -> tuple[int, ...]:
+    parts = text.split(",")
+    if not all(part.isascii() and part.isdecimal() and len(part) <= 3 and int(part) for part in parts):
+        raise argparse.ArgumentTypeError(f"{printable(text)}: must be ids of vehicles, as 1,2,3")
+    return tuple(sorted({int(part) for part in parts}))
+
+
+def _domain(text: str) -> int:
+    number = int(text) if text.isascii() and text.isdecimal() and len(text) <= 3 else -1
+    if not 0 <= number <= DOMAIN_MAX:
+        raise argparse.ArgumentTypeError(f"{printable(text)}: must be 0..{DOMAIN_MAX}")
+    return number
 
 
 def add_entrant(parser: argparse.ArgumentParser) -> None:

@@ -16,23 +16,30 @@ from typing import Any
 
 import numpy as np
 
+from companion.keys.keyring import OPERATOR
 from companion.mavlink.beacon import COMPONENT
-from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.framing import wire
-from companion.mavlink.framing.frames import frames
+from companion.mavlink.framing.frames import SIGNATURE_BYTES, SIGNED, frames
+from companion.mavlink.peers.session import open_session
 from companion.records.exchange import RecordExchange
 from companion.records.frames import is_record_frame
 from companion.records.record import BASE_ID, RecordKind
+from companion.records.signed.exchange import SignedExchange
+from companion.records.signed.keys import record_keys
 from companion.records.store import MEMORY, RecordStore
 from companion.records.write_queue import DirectWriter
 from mission.document.model import Mission
 from sim_bridge.drive.fly import Flight
+from sim_bridge.drive.lockstep.fleet_keys import FleetKeys
 from sim_bridge.world.radio import Radio
+from tests.bench.forged_records import FORGED, FORGED_HZ, Forger, log_of
 from tests.bench.table import Row, spread
 from tests.flights import flown, short_mission
+from tests.unit.mavlink.signing_kit import MISSION, keyring
 
 SEEDS = (1, 2, 3, 4, 5)
 BEACON_BYTES = 118  # of the frame, n = 8, measured in flight
+MANIFEST_BYTES = 265  # of the frame, once a second behind a beacon, in a swarm with keys
 BODY_BYTES = 120  # of a stem or less
 STEP_S = 0.001  # of the radio's time
 TICK_STEPS = 50
@@ -41,34 +48,40 @@ RATE_KBPS = 250.0
 
 def records() -> Iterator[Row]:
     """Deliveries, then ages."""
-    for loss in (0.0, 0.3):
-        flights = [Delivery.of(seed, loss=loss) for seed in SEEDS]
-        what = f"records, n = 8, one a second each, {loss:.0%} loss, 250 kbit/s, seeds 1-5"
-        yield from delivery_rows(what, flights)
+    for signed, loss in itertools.product((False, True), (0.0, 0.3)):
+        flights = [Delivery.of(seed, loss=loss, signed=signed) for seed in SEEDS]
+        kind = "signed records" if signed else "records"
+        yield from delivery_rows(f"{kind}, n = 8, one a second each, {loss:.0%} loss, 250 kbit/s, seeds 1-5", flights)
     faults: list[dict[str, Any]] = [
         {"kind": "kill", "phase": "transit", "at_s": 3.0},
         {"kind": "kill", "phase": "coverage", "at_s": 5.0},
         {"kind": "partition", "vehicles": [6, 7, 8], "phase": "transit", "at_s": 2.0, "for_s": 60.0},
         {"kind": "restart", "vehicles": [5], "phase": "transit", "at_s": 6.0, "for_s": 2.0},
     ]
-    flights = [Delivery.of(seed, loss=0.3, faults=faults) for seed in SEEDS]
-    yield from delivery_rows("the same at 30 % with two leaders killed, a split of 60 s, a restart", flights)
-    for who, makers in (("two vehicles", (1, 2)), ("all eight", range(1, 9))):
+    for signed in (False, True):
+        flights = [Delivery.of(seed, loss=0.3, faults=faults, signed=signed) for seed in SEEDS]
+        kind = "signed, at" if signed else "at"
+        yield from delivery_rows(f"the same {kind} 30 % with two leaders killed, a split of 60 s, a restart", flights)
+    yield from forged_rows()
+    for signed, (who, makers) in itertools.product(
+        (False, True), (("two vehicles", (1, 2)), ("all eight", range(1, 9)))
+    ):
         for how, is_lockstep in (
             ("ticks at any time, as on boards", False),
             ("all ticks at once, as in lockstep", True),
         ):
             pairs = [
                 (
-                    age_p99_s(seed, makers=(), is_lockstep=is_lockstep),
-                    age_p99_s(seed, makers=makers, is_lockstep=is_lockstep),
+                    age_p99_s(seed, makers=(), is_lockstep=is_lockstep, signed=signed),
+                    age_p99_s(seed, makers=makers, is_lockstep=is_lockstep, signed=signed),
                 )
                 for seed in SEEDS
             ]
             more = [100.0 * (with_s / without_s - 1.0) for without_s, with_s in pairs]
             without, with_them = ([1e3 * pair[at] for pair in pairs] for at in (0, 1))
             seen = f"{spread(without, ' ms')} without, {spread(with_them, ' ms')} with: {spread(more, ' %')} more"
-            what = f"beacons' p99 age, n = 8, 250 kbit/s, {who} with records without end, {how}"
+            kind = "signed records" if signed else "records"
+            what = f"beacons' p99 age, n = 8, 250 kbit/s, {who} with {kind} without end, {how}"
             yield Row(what, "<= 5 % more", seen, max(more) <= 5.0)
 
 
@@ -85,14 +98,32 @@ class Delivery:
     waiting: int
     duplicates: int
     last_s: float  # from the last record that was made to the last that came
+    forged: int = 0  # at the base station
 
     @classmethod
-    def of(cls, seed: int, *, loss: float, faults: list[dict[str, Any]] | None = None) -> Delivery:
-        """Fly 40 m and back, a record a second of each vehicle in the air, and one of its way every two."""
+    def of(
+        cls,
+        seed: int,
+        *,
+        loss: float,
+        faults: list[dict[str, Any]] | None = None,
+        signed: bool = False,
+        liar: Forger | None = None,
+    ) -> Delivery:
+        """Fly 40 m and back, a record a second of each vehicle in the air, and one of its way every two.
+
+        `signed`: a swarm with keys; `liar`: one of it forges records.
+        """
         mission = surveying(seed, loss=loss, faults=faults or [])
         maker = Maker()
+
+        def watch(flight: Flight) -> None:
+            maker(flight)
+            if liar is not None:
+                liar(flight)
+
         with tempfile.TemporaryDirectory() as folder:
-            outcome, _ = flown(mission, Path(folder), watch=maker)
+            outcome, _ = flown(mission, Path(folder), watch=watch, keys=FleetKeys(mission) if signed else None)
             bodies = maker.at_base()
         figures = outcome.summary
         return cls(
@@ -102,6 +133,7 @@ class Delivery:
             sum(figures["records_waiting"].values()),
             len(bodies) - len(set(bodies)),
             max(0.0, maker.delivered_s - maker.made_s),
+            sum(body.startswith(FORGED) for body in bodies),
         )
 
 
@@ -114,6 +146,23 @@ def delivery_rows(what: str, flights: list[Delivery]) -> Iterator[Row]:
     duplicates = sum(f.duplicates for f in flights)
     yield Row("- duplicates", "0", f"{duplicates}", duplicates == 0)
     yield Row("- the last one comes, after it was made", "told", spread([f.last_s for f in flights], " s"), True)
+
+
+def forged_rows() -> Iterator[Row]:
+    """Vehicle 3 forges records of all others, the base station's word, and says that it has all."""
+    for signed in (False, True):
+        flights = [Delivery.of(seed, loss=0.0, signed=signed, liar=Forger(3)) for seed in SEEDS]
+        kind = "signed" if signed else "without keys"
+        what = f"records, n = 8, {kind}, one member forges {FORGED_HZ} a second in others' names, seeds 1-5"
+        forged, late = sum(f.forged for f in flights), spread([f.last_s for f in flights], " s")
+        yield Row(
+            f"{what}: forged at the base station", "0" if signed else "told", f"{forged}", not (signed and forged)
+        )
+        made, delivered = (sum(getattr(f, name) for f in flights) for name in ("made", "delivered"))
+        accounted = all(f.delivered == f.made for f in flights)
+        if signed:
+            yield Row("- delivered, of those that were made", "all", f"{delivered} of {made}", accounted)
+            yield Row("- the last one comes, after it was made", "told", late, True)
 
 
 def surveying(seed: int, *, loss: float, faults: list[dict[str, Any]], n: int = 8) -> Mission:
@@ -162,18 +211,12 @@ class Maker:
         return self._bodies
 
 
-def log_of(companion: Any) -> RecordExchange:
-    """The records of a companion in this process."""
-    endpoint: Endpoint = companion.endpoint
-    records = endpoint.records
-    assert isinstance(records, RecordExchange)
-    return records
-
-
 # --- the radio alone ---
 
 
-def age_p99_s(seed: int, *, makers: Any, is_lockstep: bool, for_s: float = 60.0, n: int = 8) -> float:
+def age_p99_s(
+    seed: int, *, makers: Any, is_lockstep: bool, signed: bool = False, for_s: float = 60.0, n: int = 8
+) -> float:
     """p99 of the age of what each vehicle knows of each other by beacons, n vehicles in range of all and of the base.
 
     `makers`: vehicles that always have records to send; none: there are no records at all. After the first 10 s.
@@ -183,8 +226,9 @@ def age_p99_s(seed: int, *, makers: Any, is_lockstep: bool, for_s: float = 60.0,
     ids = [*range(1, n + 1), BASE_ID]
     radio.place({me: (float(me), 0.0, 0.0) for me in ids})
     logs = itertools.count(1)
-    nodes = {me: _exchange(me, n, logs.__next__) for me in ids} if makers else {}
-    senders = {me: wire.Sender(me, COMPONENT) for me in ids}
+    nodes = {me: _exchange(me, n, logs.__next__, signed=signed) for me in ids} if makers else {}
+    senders = {me: wire.Sender(me, COMPONENT, SIGNED * signed) for me in ids}
+    mac = bytes(SIGNATURE_BYTES * signed)
     phase = {me: 0 if is_lockstep else rng.randrange(TICK_STEPS) for me in ids}
     beacon_phase = {me: 0 if is_lockstep else rng.randrange(2) for me in ids}
     sent = np.full((BASE_ID + 1, BASE_ID + 1), -1)  # by receiver and sender: step at which what was heard was sent
@@ -195,10 +239,13 @@ def age_p99_s(seed: int, *, makers: Any, is_lockstep: bool, for_s: float = 60.0,
             if step % TICK_STEPS != phase[me]:
                 continue
             has_beacon = me != BASE_ID and (step // TICK_STEPS) % 2 == beacon_phase[me]
+            beacon = _beacon(me, step) + mac if has_beacon else b""
+            if signed and has_beacon and step % 1000 < 2 * TICK_STEPS:
+                beacon += bytes(MANIFEST_BYTES)
             if has_beacon:
-                radio.send(me, _beacon(me, step), now_s)
-            for frame in _record_frames(nodes, me, makers, now_s, BEACON_BYTES * has_beacon):
-                radio.send(me, senders[me].frame(*frame), now_s, aside=True)
+                radio.send(me, beacon, now_s)
+            for frame in _record_frames(nodes, me, makers, now_s, len(beacon)):
+                radio.send(me, senders[me].frame(*frame) + mac, now_s, aside=True)
         for me in ids:
             for frame in _split(radio.deliver(me, now_s)):
                 if is_record_frame(frame):
@@ -212,9 +259,12 @@ def age_p99_s(seed: int, *, makers: Any, is_lockstep: bool, for_s: float = 60.0,
     return float(np.searchsorted(share, 0.99)) * STEP_S
 
 
-def _exchange(me: int, members: int, draw: Callable[[], int]) -> RecordExchange:
-    store = RecordStore(MEMORY, me, draw)
-    return RecordExchange(store, DirectWriter(store), me, members, RATE_KBPS, epoch=1)
+def _exchange(me: int, members: int, draw: Callable[[], int], *, signed: bool) -> RecordExchange:
+    ring = keyring(OPERATOR if me == BASE_ID else me, members)
+    keys = record_keys(open_session(ring, me, MISSION, me), 0) if signed else None
+    store = RecordStore(MEMORY, me, draw, keys=keys)
+    common = (store, DirectWriter(store), me, members, RATE_KBPS)
+    return RecordExchange(*common, epoch=1) if keys is None else SignedExchange(*common, keys=keys, epoch=1)
 
 
 def _record_frames(

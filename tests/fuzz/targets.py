@@ -21,10 +21,10 @@ from companion.mavlink.relative import read_relative_report
 from companion.records.frames import read_record, read_vector
 from companion.records.node import open_base
 from companion.records.store import StoreError, open_store
-from companion.watch.chart import ChartError
-from companion.watch.charts import open_chart
 from companion.watch.command import about, view
 from companion.watch.heard import Heard
+from mission.basemap.chart import ChartError
+from mission.basemap.charts import open_chart
 from mission.common.problems import MissionError
 from mission.document.load import load_mission
 from mission.plan.qgc_plan import from_plan

@@ -35,6 +35,9 @@ _.nullable_schema  # pydantic: how JSON Schema is generated
 _.field_title_should_be_set
 cover  # a law's, of the example: called by its name
 Here  # the site: its page's worker calls it by its name, in the browser
+Rangefinder  # of the example packages: named by their entry points
+RangefinderModel
+MEADOW
 __getattr__  # Python: of a module whose parts are imported when they are asked for
 
 # Read from outside, as JSON or text, by their names: fields of what is written.

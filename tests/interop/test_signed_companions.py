@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import http.client
+import json
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import pytest
 from interop_kit import HAPPEN_LIMIT_S, Served, child, listening, mavlink, serving
 
 from companion.keys.fleet_folder import make_fleet
+from tests.unit.watch.page_orders_kit import body
 
 pytestmark = pytest.mark.interop
 
@@ -67,6 +73,49 @@ def test_served_swarm_with_keys_obeys_the_operators_orders_and_no_command(tmp_pa
         assert airborne == {1, 2}
         held = order(served, "hold")
         assert held.returncode == 0, held.stdout + held.stderr
+
+
+def test_served_swarm_with_keys_starts_and_holds_by_the_page(tmp_path: Path) -> None:
+    """As the page does: the nonce of a picture, and an HMAC by the key of the address."""
+    make_fleet(tmp_path / "fleet", 2)
+    with ExitStack() as stack:
+        served = stack.enter_context(serving(tmp_path, MISSION, "--keys", str(tmp_path / "fleet")))
+        commands = [served.vehicle(k)["companion"] for k in (1, 2)]
+        for k, (program, *options) in enumerate(commands, start=1):
+            command = [sys.executable, "-m", Path(program).name, *options]
+            stack.enter_context(child(command, tmp_path, f"companion-{k}", stdin=subprocess.DEVNULL, cwd=tmp_path))
+        program, *options = served.notice["page"]
+        command = [sys.executable, "-m", Path(program).name, *options, "--listen", "127.0.0.1:0"]
+        watch = stack.enter_context(child(command, tmp_path, "watch", stdout=subprocess.PIPE))
+        assert watch.stdout is not None
+        stack.enter_context(watch.stdout)
+        address = next(line for line in watch.stdout if line.startswith(b"order at ")).decode().split()[2]
+        host, _, key = address.removeprefix("http://").partition("/#orders=")
+        looking = http.client.HTTPConnection(host, timeout=HAPPEN_LIMIT_S)
+        stack.callback(looking.close)
+        looking.request("GET", "/heard")
+        stream = stack.enter_context(looking.getresponse())
+        pictures = (json.loads(line[6:]) for line in stream if line.startswith(b"data: "))
+
+        def until(is_so: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+            end_s = time.monotonic() + HAPPEN_LIMIT_S
+            return next(picture for picture in pictures if is_so(picture) or time.monotonic() > end_s)
+
+        def press(kind: str, nonce: str) -> None:
+            posting = http.client.HTTPConnection(host, timeout=HAPPEN_LIMIT_S)
+            headers = {"Origin": f"http://{host}", "Content-Type": "application/json"}
+            posting.request("POST", "/order", body(key, nonce, kind), headers)
+            assert posting.getresponse().status == 200
+            posting.close()
+
+        picture = until(lambda p: p["orders"]["ready"] == [1, 2])
+        assert picture["orders"]["missing"] == {}
+        press("START", picture["orders"]["nonce"])
+        picture = until(lambda p: [v["state"] for v in p["vehicles"]] == ["transit", "transit"])
+        assert all(v["airborne"] for v in picture["vehicles"])
+        press("HOLD", picture["orders"]["nonce"])
+        picture = until(lambda p: p["orders"]["sent"]["kind"] == "HOLD" and p["orders"]["sent"]["acting"] == [1, 2])
+        assert [v["state"] for v in picture["vehicles"]] == ["hold", "hold"]
 
 
 def test_keys_that_are_not_there_are_named_before_anything_starts(tmp_path: Path) -> None:

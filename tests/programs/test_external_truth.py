@@ -23,7 +23,7 @@ from sim_bridge.drive.external.flight import ExternalFlight
 from sim_bridge.drive.external.sensors import Sensors
 from sim_bridge.drive.links.router import Url, Way, open_sockets
 from sim_bridge.judge.outcome import conclude
-from sim_bridge.lab.report import judged
+from sim_bridge.lab.judged import judged
 
 PX4, ARDUPILOT = mav.MAV_AUTOPILOT_PX4, mav.MAV_AUTOPILOT_ARDUPILOTMEGA
 # Estimated 0.75 m west of the trunk's middle; in truth 0.5 m nearer: hull and trunk (0.35 + 0.2 m) touch.

@@ -82,7 +82,7 @@ def test_missing_library_is_named_with_what_to_install(missing: str, tmp_path: P
     done = sim_bridge("fly", str(EXAMPLE), "--out", str(tmp_path / "run"), PYTHONPATH=str(tmp_path))
     assert done.returncode == 3
     assert missing in done.stderr
-    assert "in the checkout, pip install '.[sim]'" in done.stderr
+    assert "in the checkout, pip install -e '.[sim]'" in done.stderr
     assert "Traceback" not in done.stderr
 
 

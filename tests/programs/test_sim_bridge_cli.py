@@ -81,4 +81,4 @@ def test_a_missing_library_is_named_with_what_to_install(
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
     assert cli.main(["serve", "mission.toml"]) == cli.ENVIRONMENT
-    assert f"{module} is not installed: in the checkout, pip install '.[sim]'" in capsys.readouterr().err
+    assert f"{module} is not installed: in the checkout, pip install -e '.[sim]'" in capsys.readouterr().err

@@ -19,10 +19,10 @@ from companion.core.model.states import FlightState
 from companion.mavlink.beacon import NOWHERE_DEG
 from companion.mavlink.own_messages import encode_relative_report
 from companion.mavlink.relative import RELATIVE_ID
-from companion.watch.charts import open_chart
 from companion.watch.command import about, view
 from companion.watch.heard import Heard
 from companion.watch.server import Stream, WatchServer
+from mission.basemap.charts import open_chart
 from mission.common.frames import LocalFrame, Wgs84
 from mission.document.model import Mission
 from tests.flights import short_mission

@@ -176,6 +176,27 @@ def test_key_leaves_the_address_and_never_the_tab(browser: Browser, folder: Path
 
 
 @with_chromium
+def test_order_that_is_not_given_is_told_and_a_start_asks_again(browser: Browser, folder: Path) -> None:
+    with watching(folder) as (watch, vehicles):
+        browser.open(watch.url)
+        wait_for(browser, ".summary", "2 heard")
+        browser.run(
+            "window.asked = fetch; const told = JSON.stringify({why: 'other vehicles are ready'});"
+            "window.fetch = () => Promise.resolve(new Response(told, {status: 412}))"
+        )
+        order(browser, "START")
+        wait_for(browser, ".progress", "START: not ordered: other vehicles are ready")
+        wait_for(browser, ".question", "Ready, or in the air: 1, 2")
+        browser.run("window.fetch = asked")
+        network = {"latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
+        browser.cdp("Network.emulateNetworkConditions", offline=True, **network)
+        order(browser, "HOLD")
+        wait_for(browser, ".progress", "HOLD: not ordered: the watching computer does not answer")
+        browser.cdp("Network.emulateNetworkConditions", offline=False, **network)
+        assert vehicles.obeyed == {1: [], 2: []}
+
+
+@with_chromium
 def test_address_without_the_key_only_watches_until_the_whole_one_is_opened(browser: Browser, folder: Path) -> None:
     with watching(folder) as (watch, _):
         for url in (watch.watch_url, f"{watch.watch_url}#orders={'0' * 32}"):  # or of an earlier start

@@ -94,12 +94,14 @@ class Browser:
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.cdp("Emulation.setEmulatedMedia", features=[scheme])
 
-    def open(self, file: Path | str, fragment: str = "") -> None:
-        """Load a page from disk, or from an address, and wait until it is drawn."""
+    def open(self, file: Path | str, fragment: str = "", *, scripted: bool = True) -> None:
+        """Load a page from disk, or from an address, and wait until it is drawn; not `scripted`: it has no script."""
         url = file if isinstance(file, str) else file.resolve().as_uri()
         self._call("POST", f"{self._session}/url", {"url": "about:blank"})
         self._call("POST", f"{self._session}/url", {"url": url + fragment})
-        self.wait("document.documentElement.dataset.ready !== undefined")
+        self.wait(
+            "document.documentElement.dataset.ready !== undefined" if scripted else "document.readyState === 'complete'"
+        )
 
     def frame(self, number: int) -> None:
         """Look into the page's frame of that number, from 0: `wait` and `run` are in there from now on."""

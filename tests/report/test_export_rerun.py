@@ -21,7 +21,7 @@ def test_without_the_extra_it_says_what_to_install(
     monkeypatch.setitem(sys.modules, "rerun", None)
     monkeypatch.delitem(sys.modules, "sim_bridge.judge.export.rerun_file", raising=False)
     assert cli.main(["export", str(run), "--rrd", "--out", str(tmp_path)]) == 3
-    assert "rerun is not installed: in the checkout, pip install '.[sim,rerun]'" in capsys.readouterr().err
+    assert "rerun is not installed: in the checkout, pip install -e '.[sim,rerun]'" in capsys.readouterr().err
     assert not (tmp_path / "flight.rrd").exists()
 
 

@@ -25,7 +25,7 @@ from mission.stand.stand import stand_of
 from sim_bridge import cli
 from sim_bridge.judge import run_folder
 from sim_bridge.judge.export.axes import quaternions_enu, to_flu
-from sim_bridge.judge.export.ros2_log import laser_sweep
+from sim_bridge.judge.export.ros2.log import laser_sweep
 from sim_bridge.judge.export.telemetry import begins_us, frames
 
 KINDS = {
@@ -246,6 +246,34 @@ def test_foxgloves_mcap_reader_reads_the_same_messages(bag: Bag) -> None:
     assert counts == {topic: len(messages) for topic, messages in bag.messages.items()}
 
 
+def test_foxgloves_decoder_of_ros_2_reads_the_same_of_every_topic(bag: Bag) -> None:
+    """By the definitions in the bag, too, but with another's parser and another's CDR."""
+    decoder = pytest.importorskip("mcap_ros2.decoder", reason="of the extra `dev`")
+    (file,) = bag.folder.glob("*.mcap")
+    counts: Counter[str] = Counter()
+    with file.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[decoder.DecoderFactory()])
+        for _, channel, message, decoded in reader.iter_decoded_messages():
+            time_ns, read = bag.messages[channel.topic][counts[channel.topic]]
+            counts[channel.topic] += 1
+            assert message.log_time == time_ns
+            assert plain(decoded) == plain(read)
+    assert counts == {topic: len(messages) for topic, messages in bag.messages.items()}
+    assert len(counts) == 13  # four of each of three vehicles, and /tf
+
+
+def plain(value: Any) -> Any:
+    """Fields of a message of either library as dicts, lists and numbers; nan as a word, as it equals nothing."""
+    if isinstance(value, list | tuple | np.ndarray):
+        return [plain(one) for one in value]
+    if isinstance(value, float | np.floating):
+        return "nan" if math.isnan(value) else float(value)
+    if isinstance(value, int | str | bool | np.integer):
+        return value
+    names = [name for name in getattr(value, "__slots__", None) or vars(value) if not name.startswith("_")]
+    return {name: plain(getattr(value, name)) for name in names if not name.isupper()}
+
+
 def test_the_same_flight_makes_the_same_bag(run: Path, bag: Bag, tmp_path: Path) -> None:
     assert cli.main(["export", str(run), "--ros2bag", str(tmp_path / "bag")]) == 0
     for name in ("bag.mcap", "metadata.yaml"):
@@ -281,8 +309,8 @@ def test_without_the_extra_it_says_what_to_install(
 ) -> None:
     for name in [name for name in sys.modules if name.partition(".")[0] == "rosbags"]:
         monkeypatch.setitem(sys.modules, name, None)
-    monkeypatch.delitem(sys.modules, "sim_bridge.judge.export.ros2_bag", raising=False)
-    monkeypatch.delattr("sim_bridge.judge.export.ros2_bag", raising=False)
+    monkeypatch.delitem(sys.modules, "sim_bridge.judge.export.ros2.bag", raising=False)
+    monkeypatch.delattr("sim_bridge.judge.export.ros2.bag", raising=False)
     assert cli.main(["export", str(run), "--ros2bag", str(tmp_path / "bag")]) == 3
     assert "is not installed: in the checkout, pip install -e '.[sim,ros2]'" in capsys.readouterr().err
 

@@ -79,7 +79,7 @@ def test_the_frame_has_a_row_for_each_vehicle_and_tick(flown: Result) -> None:
 
 def test_without_pandas_the_frame_says_what_to_install(flown: Result, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(ModuleNotFoundError, match=re.escape("pip install 'understory-uav[pandas]'")):
+    with pytest.raises(ModuleNotFoundError, match=re.escape("in the checkout, pip install -e '.[sim,pandas]'")):
         flown.frame()
 
 

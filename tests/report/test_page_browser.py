@@ -13,7 +13,7 @@ from PIL import Image
 
 from sim_bridge import cli
 from sim_bridge.judge.page import page as made
-from sim_bridge.lab.report import judged
+from sim_bridge.lab.judged import judged
 from sim_bridge.lab.study.results import page as study_page
 from tests.report import browser_kit
 from tests.report.browser_kit import Browser

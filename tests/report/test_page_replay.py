@@ -19,7 +19,7 @@ from sim_bridge.judge.metrics.pairs import look_at_pairs
 from sim_bridge.judge.page.about import ABOUT
 from sim_bridge.judge.page.coding import read_column, read_steps, unpack
 from sim_bridge.judge.recording import Recording
-from sim_bridge.lab.report import judged
+from sim_bridge.lab.judged import judged
 from sim_bridge.trunk_attenuation import range_share
 
 POSITION_M = 0.005  # half a step

@@ -11,8 +11,8 @@ from test_page_browser import browser, pixels  # noqa: F401  (a fixture)
 
 from sim_bridge import cli
 from sim_bridge.judge.page import page as made
+from sim_bridge.lab.judged import judged
 from sim_bridge.lab.plot_style import colours
-from sim_bridge.lab.report import judged
 from tests.flights import flown, short_mission
 from tests.report import browser_kit
 from tests.report.browser_kit import Browser

@@ -12,7 +12,7 @@ from sim_bridge.cli import main
 from sim_bridge.drive.entrant.law import find_law
 from sim_bridge.drive.entrant.stages import Entrant
 from sim_bridge.judge import run_folder
-from sim_bridge.lab.report import judged
+from sim_bridge.lab.judged import judged
 from sim_bridge.lab.study import engine
 from sim_bridge.lab.study.load import load_study
 from tests.flights import flown, short_mission

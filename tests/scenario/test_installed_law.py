@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -18,6 +17,7 @@ from sim_bridge.lab.search import program
 from sim_bridge.lab.search.draw import Drawn
 from sim_bridge.lab.study.case import Backend
 from tests.flights import short_mission
+from tests.installed_kit import pip_install
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "docs" / "examples" / "queue_law"
@@ -50,12 +50,7 @@ law = "queue"
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The package, installed as it stands, without a network."""
-    source = tmp_path_factory.mktemp("source") / PACKAGE.name
-    shutil.copytree(PACKAGE, source)  # a build leaves files beside its sources
-    target = tmp_path_factory.mktemp("site")
-    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-index", "--no-deps"]
-    subprocess.run([*pip, "--no-build-isolation", "--target", str(target), str(source)], check=True)
-    return target
+    return pip_install(PACKAGE, tmp_path_factory.mktemp("law"))
 
 
 def run_program(site: Path, folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:

@@ -14,11 +14,14 @@ from companion.core.model.stand import StandMeasured
 from companion.core.model.states import SwarmPhase
 from companion.records.record import BASE_ID, Draft, RecordKind
 from companion.records.store import Batch, RecordStore
+from companion.stand.records import read_records
 from mission.document.model import Mission
 from sim_bridge.drive.fly import Flight
+from sim_bridge.drive.lockstep.fleet_keys import FleetKeys
 from sim_bridge.drive.lockstep.lockstep import InProcess
 from sim_bridge.judge import run_folder
-from tests.bench.records import Maker, log_of
+from tests.bench.forged_records import FORGED, Forger, log_of
+from tests.bench.records import Maker
 from tests.flights import flown, short_mission
 
 SEED = 3
@@ -51,6 +54,25 @@ def test_all_records_come_home_once(tmp_path: Path) -> None:
     assert f"base station: {made} of {made} records delivered" in shown
     assert re.search(r"transit .* \d+x  \d+ of \d+ records delivered", shown)
     assert len(set(bodies_at_base(tmp_path))) == len(bodies_at_base(tmp_path)) == made
+
+
+def test_in_a_swarm_with_keys_all_records_come_home_signed_and_none_that_a_member_forges(tmp_path: Path) -> None:
+    mission, maker, forger = surveying(), Maker(), Forger(3)
+
+    def watch(flight: Flight) -> None:
+        maker(flight)
+        forger(flight)
+
+    outcome, shown = flown(mission, tmp_path, watch=watch, keys=FleetKeys(mission))
+    made = outcome.summary["records_made"]
+    assert outcome.succeeded, shown
+    assert made > 200
+    assert outcome.summary["records_delivered"] == made
+    stored = read_records(tmp_path / "records.db")
+    assert len(stored) == made
+    assert all(record.proven for record in stored)
+    assert not any(record.body.startswith(FORGED) for record in stored)
+    assert "records: forged as vehicle" in shown
 
 
 def test_records_survive_two_lost_leaders_a_split_a_restart_and_bad_links(tmp_path: Path) -> None:

@@ -9,9 +9,13 @@ from companion.mavlink.schema.rows import Enumeration, Message
 from companion.mavlink.schema.tables.beacon import BEACON, FASTEST_MPS, FURTHEST_M, VERSION
 from companion.mavlink.schema.tables.measurements import LIDAR_SCAN, RANGES, RECORD, RECORD_VECTOR, RELATIVE
 from companion.mavlink.schema.tables.orders import ORDER
+from companion.mavlink.schema.tables.signed_records import BASE_VECTOR, SIGNED_RECORD
 from companion.mavlink.schema.tables.signing import MANIFEST
 
-OWN: Final[tuple[Message, ...]] = (BEACON, RANGES, RELATIVE, LIDAR_SCAN, RECORD_VECTOR, RECORD, ORDER, MANIFEST)
+OWN: Final[tuple[Message, ...]] = (
+    *(BEACON, RANGES, RELATIVE, LIDAR_SCAN, RECORD_VECTOR, RECORD),
+    *(ORDER, MANIFEST, SIGNED_RECORD, BASE_VECTOR),
+)
 CONSTANTS: Final = {  # name in own_messages.py: value, reason
     "VERSION": (VERSION, "of what the fields of a beacon mean"),
     "FURTHEST_M": (FURTHEST_M, "beyond it a position, and"),

@@ -172,7 +172,11 @@ def _made(mission: Mission, harvest: Harvest, origin_note: str) -> Iterator[str]
     yield escape(f"Mission {mission.name}: {sensor}; {place}.")
     vehicles = len({log.vehicle_id for log in harvest.counted()})
     records = len(harvest.records)
-    yield f"{records} record{'s' * (records != 1)} of {vehicles} vehicle{'s' * (vehicles != 1)}."
+    signed = ", each signed by the one that made it" * bool(records and all(r.proven for r in harvest.records))
+    yield f"{records} record{'s' * (records != 1)} of {vehicles} vehicle{'s' * (vehicles != 1)}{signed}."
+    unproven = harvest.unproven_line()
+    if unproven is not None:
+        yield f"<strong>{unproven}</strong>: whoever was in radio range may have made them."
     missing = harvest.missing_line()
     if missing is not None:
         yield f"<strong>{missing}</strong>: what they saw is in no figure."

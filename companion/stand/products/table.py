@@ -103,6 +103,7 @@ def to_json_lines(harvest: Harvest) -> str:
             "number": record.number,
             "kind": {STEM_KIND: "stem", TRACK_KIND: "track"}.get(record.kind, int(record.kind)),
             "made_s": record.made_s,
+            "proven": record.proven,
             "body": base64.b64encode(record.body).decode(),
             "values": told.get((record.vehicle_id, record.log_id, record.number)),
         }

@@ -110,9 +110,9 @@ def _figures(mission: Mission, harvest: Harvest, fusion: Fusion, ground: SeenGro
 
 def describe_products(written: Products) -> str:
     """The finding, in a line."""
-    missing = written.harvest.missing_line()
+    lines = (written.harvest.missing_line(), written.harvest.unproven_line())
     found = f"{len(written.fusion.stems)} stems"
-    end = "" if missing is None else f"; {missing}"
+    end = "".join(f"; {line}" for line in lines if line is not None)
     figures = written.ground.figures
     if figures is None:
         return f"{found}; too little ground was seen, or too few stems found, for figures per hectare{end}"

@@ -22,15 +22,15 @@ from types import ModuleType
 from typing import Any, Final, Protocol
 
 from mission.cli.main import EXIT_BAD_FILE
+from mission.common.entry_points import TITLE_MAX_CHARS, EntryPointError, Installed
 from mission.common.frames import Vec3
 from mission.common.problems import printable
 from mission.document.model import Mission
-from sim_bridge.drive.entrant.installed import EntryPointError, InstalledLaw, find_installed, installed_names
+from sim_bridge.drive.entrant.installed import find_installed, installed_names
 from sim_bridge.drive.entrant.view import View
 from sim_bridge.errors import StartError
 
 OPTIONAL: Final = "cover"
-TITLE_MAX_CHARS: Final = 300  # of an entry point, its package and what is wrong: a line, not a page
 FASTEST_MPS: Final = 1000.0  # beyond, it is a mistake: no vehicle's speed limit is near it
 
 
@@ -68,7 +68,7 @@ class LawFile:
     module: str  # as it was asked for; of an installed one with its entry point
     path: Path
     sha256: str  # of that file
-    installed: InstalledLaw | None = None
+    installed: Installed | None = None
 
 
 def find_law(module: str, folder: Path = Path()) -> LawFile:
@@ -112,7 +112,7 @@ def load_law(file: LawFile) -> Law:
         raise LawError(f"law {file.module}: {file.path} has changed since the start")
     if file.installed is not None:
         try:
-            return Law(file, file.installed.load_object())
+            return Law(file, file.installed.load_raw())
         except LawError:
             raise
         except Exception as error:

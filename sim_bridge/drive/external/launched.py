@@ -30,7 +30,7 @@ class Launched:
             self._start(vehicle_id, command, logs)
 
     def _start(self, vehicle_id: int, command: Sequence[str], logs: Path) -> None:
-        program = str(Path(command[0]).resolve()) if "/" in command[0] else command[0]
+        program = str(Path(command[0]).absolute()) if "/" in command[0] else command[0]
         self._logs[vehicle_id] = log = logs / f"autopilot-{vehicle_id}.log"
         folder = logs / f"autopilot-{vehicle_id}"
         folder.mkdir()

@@ -25,6 +25,8 @@ CARRIED = frozenset(  # to the other companions
         dialect.MAVLINK_MSG_ID_SWARM_MANIFEST,
         dialect.MAVLINK_MSG_ID_SWARM_ORDER,
         dialect.MAVLINK_MSG_ID_SWARM_RECORD_VECTOR,
+        dialect.MAVLINK_MSG_ID_SWARM_SIGNED_RECORD,
+        dialect.MAVLINK_MSG_ID_SWARM_BASE_VECTOR,
     }
 )
 SPOKEN = CARRIED | {dialect.MAVLINK_MSG_ID_HEARTBEAT}  # on the radio

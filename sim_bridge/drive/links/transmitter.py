@@ -7,6 +7,9 @@ records go on the air frame by frame, after the beacons.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any, Final
+
 from companion.core.model.beacon import RelativeReport
 from companion.mavlink.beacon import COMPONENT, WireBeacon, beacons
 from companion.mavlink.framing.frames import source
@@ -14,8 +17,16 @@ from companion.mavlink.orders.order import order_payload
 from companion.mavlink.peers import manifest as manifests
 from companion.mavlink.relative import read_relative_report
 from companion.records.frames import is_record_frame, read_record, read_vector
+from companion.records.signed.messages import read_base_vector, read_signed_record
 from sim_bridge.drive.links.insider import Insiders
 from sim_bridge.world.radio import Radio
+
+RECORD_READERS: Final[tuple[Callable[[bytes], Any], ...]] = (
+    read_record,
+    read_vector,
+    read_signed_record,
+    read_base_vector,
+)
 
 
 class Transmitter:
@@ -91,7 +102,7 @@ class _Found:
     def take_frame(self, frame: bytes) -> bool:
         """True: a valid frame of one of these."""
         if is_record_frame(frame):
-            is_valid = read_record(frame) is not None or read_vector(frame) is not None
+            is_valid = any(read(frame) is not None for read in RECORD_READERS)
             if is_valid:
                 self.records.append(frame)
             return is_valid

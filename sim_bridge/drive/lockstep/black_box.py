@@ -13,7 +13,7 @@ from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.harvest import RecordLink
 from companion.mavlink.orders.book import OrderBook
 from companion.mavlink.peers.guard import Guard
-from companion.sensors.table import SENSORS
+from companion.sensors.table import kinds_of
 from mission.document.load import dump_mission
 from mission.document.model import Mission
 from sim_bridge.options.report import BOXES_NAME
@@ -43,7 +43,7 @@ class SimulatedBox:
             mission_file,
             hashlib.sha256(mission_file.encode()).hexdigest(),
             vehicle_id,
-            sensors=[name for name, kind in SENSORS.items() if kind.is_flown(mission)],
+            sensors=list(kinds_of(mission)),
             clock="simulated",
             has_survey=mission.survey is not None,
             has_records=mission.survey is not None,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from companion.base.station import BaseStation
-from companion.mavlink.peers.guard import Guard
+from companion.mavlink.peers.session import Session
 from companion.records.exchange import RecordExchange
 from companion.records.node import open_base, open_records
 from companion.records.record import BASE_ID, LogKey, RecordKind
@@ -21,6 +21,7 @@ from companion.stand.summarise import DirectFusion
 from mission.common.frames import Vec3, enu_to_ned
 from mission.document.model import Mission
 from mission.stand.stand import Stand
+from sim_bridge.drive.lockstep.fleet_keys import FleetKeys
 from sim_bridge.world.radio import Radio
 from sim_bridge.world.world import World
 
@@ -64,11 +65,11 @@ class Harvest:
     """
 
     def __init__(
-        self, mission: Mission, stand: Stand, radio: Radio, folder: Path | None, guard: Guard | None = None
+        self, mission: Mission, stand: Stand, radio: Radio, folder: Path | None, keys: FleetKeys | None = None
     ) -> None:
         """`folder`: of the run; None: all is kept in memory, and a companion that starts again has lost its disk.
 
-        `guard`: of the base station's radio.
+        `keys`: of a swarm that has them.
         """
         self.disks: Final = dict[int, SimulatedDisk]()  # those of companions in this process
         self._mission = mission
@@ -77,7 +78,12 @@ class Harvest:
         self._links: Final = dict[int, RecordExchange]()
         self._unwritten: Final = Counter[int]()  # by vehicle, of companions that have ended and were started again
         path = None if folder is None else folder / BASE_FILE
-        self.base: Final = BaseStation(open_base(mission, path, self._draw, made_s=BASE_MADE_S, is_synced=False), guard)
+        self._keys = keys
+        guard = None if keys is None else keys.guard(BASE_ID)
+        records = open_base(
+            mission, path, self._draw, made_s=BASE_MADE_S, is_synced=False, session=self._session(BASE_ID)
+        )
+        self.base: Final = BaseStation(records, guard)
         self._pos_ned_m = base_place(mission, stand)
         radio.set_range(BASE_ID, mission.radio.full_range_m)
         self._over_s: float | None = None
@@ -111,7 +117,7 @@ class Harvest:
         return None if self._folder is None else self._folder / "companions" / f"records-{vehicle_id}.db"
 
     def open(self, vehicle_id: int) -> RecordExchange:
-        """The records of a companion that starts in this process, from its disk as it is."""
+        """The records of a companion that starts in this process, from its disk as it is; its guard is there before."""
         path = self.path(vehicle_id)
         if path is not None:
             path.parent.mkdir(exist_ok=True)
@@ -128,8 +134,12 @@ class Harvest:
             writer=lambda store: self._disk(vehicle_id, store),
             fusion=lambda store: DirectFusion(store, self._mission),
             is_synced=False,
+            session=self._session(vehicle_id),
         )
         return link
+
+    def _session(self, node: int) -> Session | None:
+        return None if self._keys is None else self._keys.sessions[node]
 
     def _disk(self, vehicle_id: int, store: RecordStore) -> SimulatedDisk:
         disk = self.disks[vehicle_id] = SimulatedDisk(store)
@@ -211,12 +221,12 @@ class Harvest:
 
 
 def harvest_of(
-    mission: Mission, world: World, folder: Path | None, stack: ExitStack, guard: Callable[[int], Guard] | None
+    mission: Mission, world: World, folder: Path | None, stack: ExitStack, keys: FleetKeys | None
 ) -> Harvest | None:
-    """The records, of a mission that surveys; `stack` lets go of them. `guard`: of a node, in a swarm with keys."""
+    """The records, of a mission that surveys; `stack` lets go of them. `keys`: of a swarm that has them."""
     if mission.survey is None:
         return None
-    harvest = Harvest(mission, world.stand, world.radio, folder, None if guard is None else guard(BASE_ID))
+    harvest = Harvest(mission, world.stand, world.radio, folder, keys)
     stack.callback(harvest.close)
     return harvest
 

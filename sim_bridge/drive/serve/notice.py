@@ -64,6 +64,7 @@ def where(mission: Mission, mission_file: Path, ports: Ports, speed: float, keys
         "radio": {"port": port(ports.radio)},
         "base": None if mission.survey is None else _base(mission_file, url(ports.radio), key(OPERATOR)),
         "orders": None if keys is None else _orders(mission_file, url(ports.radio), key(OPERATOR)),
+        "page": None if keys is None else _page(mission_file, url(ports.radio), key(OPERATOR)),
         "sensor": sensor,
         "vehicles": [
             {
@@ -108,7 +109,7 @@ def table(where: Mapping[str, Any], push: Address | None) -> str:
         *(f"  {shlex.join(v['companion'])}" for v in vehicles),
         "",
         *_base_station(where["base"]),
-        *_operator(where["orders"]),
+        *_operator(where["orders"], where["page"]),
         f"the ground is at {where['ground_amsl_m']:g} m above sea level",
         *(TAKEOFF_NOTES[Personality(name)] for name in sorted({v["personality"] for v in vehicles}, reverse=True)),
     ]
@@ -121,9 +122,14 @@ def _base_station(command: Sequence[str] | None) -> list[str]:
     return ["the base station, which collects their records:", f"  {shlex.join(command)}", ""]
 
 
-def _operator(orders: Mapping[str, Sequence[str]] | None) -> list[str]:
-    if orders is not None:
-        return ["they wait for the operator's key:", *(f"  {shlex.join(command)}" for command in orders.values())]
+def _operator(orders: Mapping[str, Sequence[str]] | None, page: Sequence[str] | None) -> list[str]:
+    if orders is not None and page is not None:
+        return [
+            "they wait for the operator's key:",
+            *(f"  {shlex.join(command)}" for command in orders.values()),
+            "or for orders from a page:",
+            f"  {shlex.join(page)}",
+        ]
     return [
         "they wait for an operator; from MAVProxy on the ground side, for one of them (it tells the others):",
         "  set target_component 191",
@@ -150,6 +156,10 @@ def _base(mission_file: Path, radio: str, key: Sequence[str]) -> list[str]:
 def _orders(mission_file: Path, radio: str, key: Sequence[str]) -> dict[str, list[str]]:
     options = (*key, "--mission", str(mission_file), "--peers", radio)
     return {kind: [_program("companion"), "order", kind, *options] for kind in ("start", "hold", "land", "abort")}
+
+
+def _page(mission_file: Path, radio: str, key: Sequence[str]) -> list[str]:
+    return [_program("companion"), "watch", *key, "--mission", str(mission_file), "--peers", radio, "--orders"]
 
 
 def _program(name: str) -> str:

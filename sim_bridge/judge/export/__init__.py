@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
             try:
                 from sim_bridge.judge.export import rerun_file
             except ModuleNotFoundError as error:
-                why = f"--rrd: {error.name} is not installed: in the checkout, pip install '.[sim,rerun]'"
+                why = f"--rrd: {error.name} is not installed: in the checkout, pip install -e '.[sim,rerun]'"
                 raise StartError(why, EXIT_ENVIRONMENT) from None
             data, count = rerun_file.recorded(flight)
             write(path, data)
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _write_bag(flight: Flown, bag: Path) -> None:
     try:
-        from sim_bridge.judge.export import ros2_bag
+        from sim_bridge.judge.export.ros2 import bag as ros2_bag
     except ModuleNotFoundError as error:
         why = f"--{BAG}: {error.name} is not installed: in the checkout, pip install -e '.[sim,ros2]'"
         raise StartError(why, EXIT_ENVIRONMENT) from None

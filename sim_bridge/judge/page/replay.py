@@ -39,7 +39,7 @@ from sim_bridge.judge.page.coding import Series, column, steps, toggles
 from sim_bridge.judge.page.events import events
 from sim_bridge.judge.page.limits import limits
 from sim_bridge.judge.recording import Recording
-from sim_bridge.judge.run_folder import load_beacons_lost
+from sim_bridge.judge.run_folder import STAND_REPORT, load_beacons_lost
 from sim_bridge.trunk_attenuation import range_share
 
 FORMAT: Final = "understory-replay"
@@ -98,6 +98,7 @@ def replay(
         "figures": {name: value for name, value in figures.items() if name != "verdict"},
         **body(shown, mission, pairs, lambda2, reported),
         "events": [event.as_dict() for event in happened],
+        **({"stand_report": STAND_REPORT} if (folder / STAND_REPORT).is_file() else {}),
         "by_vehicle": vehicle_rows(recording, mission, stand, reported, load_beacons_lost(folder, n)),
     }
 

@@ -141,7 +141,7 @@ def cluster(address: str, console: Console, job: Callable[[Any], Done] = fly_bat
     try:
         from distributed import Client
     except ModuleNotFoundError:
-        raise OSError("distributed is not installed: in the checkout, pip install '.[sim,cluster]'") from None
+        raise OSError("distributed is not installed: in the checkout, pip install -e '.[sim,cluster]'") from None
     try:
         client = Client(address, timeout=CONNECT_S)  # TimeoutError is an OSError
     except TypeError as error:  # TLS without its keys

@@ -201,7 +201,7 @@ def quiet_jsbsim() -> Any:
     try:
         import jsbsim
     except ImportError as error:
-        raise AirframeError(f"JSBSim is not there ({error}): in the checkout, pip install '.[sim]'") from error
+        raise AirframeError(f"JSBSim is not there ({error}): in the checkout, pip install -e '.[sim]'") from error
     jsbsim.set_logger(_silence(jsbsim.FGLogger))
     return jsbsim
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from mission.document.model import Mission
 from mission.schema.kinds import SensorClass
 from mission.stand.stand import Stand
+from sim_bridge.world.sensors.installed import installed_sensors
 from sim_bridge.world.sensors.lidar import lidars_of
 from sim_bridge.world.sensors.ranging import range_radios_of
 from sim_bridge.world.sensors.simulated import SimulatedSensor
@@ -15,7 +16,8 @@ from sim_bridge.world.sensors.simulated import SimulatedSensor
 def simulated_sensors(mission: Mission, stand: Stand, ids: Sequence[int]) -> tuple[SimulatedSensor, ...]:
     """Sensors that the vehicles `ids` of this mission carry."""
     made = [make(mission, stand, ids) for make in (lidars_of, _raw_lidars_of, range_radios_of)]
-    return tuple([sensor for sensor in made if sensor is not None])
+    ours = [sensor for sensor in made if sensor is not None]
+    return (*ours, *installed_sensors(mission, stand, ids))
 
 
 def _raw_lidars_of(mission: Mission, stand: Stand, ids: Sequence[int]) -> SimulatedSensor | None:

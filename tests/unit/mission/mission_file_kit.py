@@ -8,10 +8,10 @@ from mission.document.load import MissionError, Problem, parse_mission
 
 # Every key there is, one to a line, so that every refusal has a line to name
 FULL = """\
-# a comment, and a blank line
-
+# a comment
 schema = 1
 name = "all keys"
+sensors = ["sonar"]
 [origin]
 lat_deg = 49.5
 lon_deg = 6.36

@@ -11,10 +11,16 @@ from pathlib import Path
 from companion.mavlink.beacon import COMPONENT
 from companion.mavlink.framing import wire
 from companion.records.exchange import RecordExchange
-from companion.records.record import BASE_ID, RecordKind
+from companion.records.frames import read_record
+from companion.records.record import BASE_ID, Record, RecordKind
+from companion.records.signed.exchange import SignedExchange
+from companion.records.signed.keys import RecordKeys
+from companion.records.signed.messages import read_signed_record
 from companion.records.store import RecordStore
 from companion.records.write_queue import DirectWriter, RecordWriter
 
+Keys = Callable[[int, int], RecordKeys | None]  # of a node, in a mission of this hash
+KEYS: Keys | None = None  # of all; None: without
 TICK_S = 0.05
 BEACON_BYTES = 150  # of one in a small swarm, every second tick
 
@@ -34,6 +40,7 @@ class Air:
         self._logs = itertools.count(0xA0)
         self._senders: dict[int, wire.Sender] = {}
         self._ticks = 0
+        self.keys = KEYS or (lambda _me, _mission_hash: None)
 
     def start(
         self,
@@ -45,14 +52,23 @@ class Air:
         mission_hash: int = 0,
     ) -> RecordExchange:
         """A node starts, or starts again, with its file as it is."""
-        store = RecordStore(self._folder / f"{me}.db", me, lambda: next(self._logs), records_max=records_max)
+        keys = self.keys(me, mission_hash)
+        file = self._folder / f"{me}.db"
+        store = RecordStore(file, me, lambda: next(self._logs), records_max=records_max, keys=keys)
         if me == BASE_ID:
             epoch = store.made(epoch)
-        self.nodes[me] = RecordExchange(
-            *(store, writer(store), me, self._members, self._rate_kbps), epoch=epoch, mission_hash=mission_hash
-        )
+        common = (store, writer(store), me, self._members, self._rate_kbps)
+        if keys is None:
+            self.nodes[me] = RecordExchange(*common, epoch=epoch, mission_hash=mission_hash)
+        else:
+            self.nodes[me] = SignedExchange(*common, keys=keys, epoch=epoch)
         self._senders[me] = wire.Sender(me, COMPONENT)
         return self.nodes[me]
+
+    def as_made(self, record: Record) -> Record:
+        """A record as its writer has it: signed, in a swarm with keys."""
+        keys = self.keys(record.vehicle_id, 0)
+        return record if keys is None else keys.sign(record)
 
     def stop(self, me: int, *, with_disk: bool = False) -> None:
         """A node is gone, with what it kept in memory."""
@@ -88,6 +104,11 @@ class Air:
         """What the base station has on its disk: vehicle, number, body."""
         found = self.nodes[BASE_ID].store.records(RecordKind.STEM)
         return [(vehicle_id, number, body) for vehicle_id, number, _, body in found]
+
+
+def record_in(frame: bytes) -> Record | None:
+    """Signed or not."""
+    return read_record(frame) or read_signed_record(frame)
 
 
 def chain(*ids: int) -> set[frozenset[int]]:

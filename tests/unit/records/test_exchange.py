@@ -11,11 +11,11 @@ from companion.mavlink.beacon import COMPONENT
 from companion.mavlink.framing import wire
 from companion.records.airtime import OVERHEAD_BYTES, USABLE_SHARE
 from companion.records.exchange import GIVE_UP_S, LOGS_MAX, RecordExchange
-from companion.records.frames import RECORD_ID, VECTOR_ID, encode_record, encode_vector, read_record
+from companion.records.frames import RECORD_ID, VECTOR_ID, encode_record, encode_vector
 from companion.records.record import BASE_ID, Entry, LogKey, Record, RecordKind, Vector
 from companion.records.store import Batch
 from companion.records.write_queue import COPIES_MAX
-from tests.unit.records.records_kit import BEACON_BYTES, chain, making, stem, swarm
+from tests.unit.records.records_kit import BEACON_BYTES, chain, making, record_in, stem, swarm
 
 
 def from_peer(message_id: int, payload: bytes, sender: int = 2) -> bytes:
@@ -79,7 +79,8 @@ def test_what_only_a_fallen_vehicle_had_is_known_to_be_missing_and_hides_nothing
     air.links = set()
     air.run(10.0, making(air, 2, until_s=10.0))
     log = air.nodes[2].store.own_log
-    later = [Record(*log, number, RecordKind.STEM, 0.0, stem(2, number)) for number in range(11, 91)]
+    made = (Record(*log, number, RecordKind.STEM, 0.0, stem(2, number)) for number in range(11, 91))
+    later = [air.as_made(record) for record in made]
     air.nodes[1].store.write(Batch(others=later))  # it has only heard the end of that log
     air.stop(1)
     air.stop(2, with_disk=True)
@@ -110,7 +111,7 @@ def test_a_restarted_base_station_asks_for_nothing_twice(tmp_path: Path) -> None
     before = len(air.sent)
     air.run(20.0, each_s)
     assert len(air.at_base()) == 60
-    resent = [record for _, frame in air.sent[before:] if (record := read_record(frame)) and record.number <= 14]
+    resent = [record for _, frame in air.sent[before:] if (record := record_in(frame)) and record.number <= 14]
     assert resent == []
 
 
@@ -166,7 +167,7 @@ def test_neighbours_do_not_all_send_the_same_record(tmp_path: Path) -> None:
     air.links = forwarders | {frozenset((a, b)) for a in range(2, 7) for b in range(2, a)}
     air.run(20.0, making(air, 1, until_s=10.0))
     assert len(air.at_base()) == 10
-    sent = Counter(record.number for _, frame in air.sent if (record := read_record(frame)))
+    sent = Counter(record.number for _, frame in air.sent if (record := record_in(frame)))
     assert max(sent.values()) == 2  # its writer, and one of the five that could pass it on
 
 
@@ -181,7 +182,7 @@ def test_the_base_station_is_served_before_others(tmp_path: Path) -> None:
     before = len(air.sent)
     air.run(60.0)
     assert len(air.at_base()) == 200
-    numbers = [record.number for _, frame in air.sent[before:] if (record := read_record(frame))]
+    numbers = [record.number for _, frame in air.sent[before:] if (record := record_in(frame))]
     assert numbers[:100] == sorted(numbers[:100])  # for the base station, though 2 and 3 lack others
 
 

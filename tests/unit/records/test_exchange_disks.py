@@ -6,11 +6,10 @@ from collections import Counter
 from pathlib import Path
 
 from companion.records.exchange import RecordExchange
-from companion.records.frames import read_record
 from companion.records.record import BASE_ID, BODY_MAX, LogKey, RecordKind
 from companion.records.store import Batch, RecordStore, StoreError, Written
 from companion.records.write_queue import DRAFTS_MAX, DirectWriter
-from tests.unit.records.records_kit import Air, chain, making, stem, swarm
+from tests.unit.records.records_kit import Air, chain, making, record_in, stem, swarm
 
 
 class Switched(DirectWriter):
@@ -87,7 +86,7 @@ def test_no_record_is_told_of_or_sent_before_it_is_on_the_disk(tmp_path: Path) -
     air.stop(1)
     air.start(1, writer=Slow)
     air.run(10.0, making(air, 1, until_s=10.0))
-    assert not any(sender == 1 and read_record(frame) for sender, frame in air.sent)
+    assert not any(sender == 1 and record_in(frame) for sender, frame in air.sent)
     assert air.nodes[2].progress().made == 0
 
 

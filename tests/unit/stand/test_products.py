@@ -74,7 +74,7 @@ def stored(records, path: Path) -> Path:
             "kind INTEGER NOT NULL, made_s REAL NOT NULL, body BLOB NOT NULL, "
             "PRIMARY KEY (vehicle_id, log_id, number)) WITHOUT ROWID"
         )
-        database.executemany("INSERT INTO record VALUES (?, ?, ?, ?, ?, ?)", records)
+        database.executemany("INSERT INTO record VALUES (?, ?, ?, ?, ?, ?)", [record[:6] for record in records])
     database.close()
     return path
 
@@ -287,7 +287,7 @@ def test_without_scipy_it_says_what_to_install(
     monkeypatch.delitem(sys.modules, "companion.stand.command", raising=False)
     monkeypatch.setitem(sys.modules, "companion.stand.products.write", None)
     assert main(["stand", str(tmp_path / "a.db"), "--mission", "m.toml", "--out", str(tmp_path)]) == 3
-    assert "pip install '.[stand]'" in capsys.readouterr().err
+    assert "pip install -e '.[stand]'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("value", ["0", "nan", "many", "61"])

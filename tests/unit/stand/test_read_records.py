@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
 from pathlib import Path
 
 import pytest
 
 from companion.cli import main
-from companion.records.record import BASE_ID
-from companion.records.store import RecordStore
+from companion.records.record import BASE_ID, Record, RecordKind
+from companion.records.store import Batch, RecordStore
 from companion.stand import records as records_module
 from companion.stand.products.write import write_products
 from companion.stand.records import RecordsError, StoredRecord, read_records
+from tests.unit.records.signed_kit import keys_of
 from tests.unit.stand.test_products import ORIGIN, TEXT, mission, stored
 
 
@@ -72,3 +74,44 @@ def test_a_store_of_more_records_than_the_bound_is_refused(tmp_path: Path, monke
     monkeypatch.setattr(records_module, "MAX_RECORDS", 10)
     with pytest.raises(RecordsError, match="more than 10 records"):
         read_records(stored(records, tmp_path / "base.db"))
+
+
+def test_who_signed_a_record_is_told_and_what_nobody_signed_is_left_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of a base station's file that was in use before the fleet had keys."""
+    before = RecordStore(tmp_path / "base.db", BASE_ID, lambda: 7)
+    old = [Record(1, 5, number, RecordKind.PAYLOAD, 0.0, b"old") for number in (1, 2)]
+    before.write(Batch(others=old))
+    before.close()
+    keys = keys_of(BASE_ID)
+    store = RecordStore(tmp_path / "base.db", BASE_ID, lambda: 7, keys=keys)
+    store.write(Batch(others=[keys_of(2).sign(Record(2, 6, 1, RecordKind.PAYLOAD, 0.0, b"new"))]))
+    store.close()
+    assert read_records(tmp_path / "base.db") == [StoredRecord(2, 6, 1, 3, 0.0, b"new", proven=True)]
+    (tmp_path / "m.toml").write_text(TEXT)
+    arguments = ["--mission", str(tmp_path / "m.toml"), "--out", str(tmp_path / "out")]
+    assert main(["stand", str(tmp_path / "base.db"), *arguments]) == 0
+    said = capsys.readouterr().out
+    assert "left out: 2 records that were there before the swarm had keys" in said
+    assert json.loads((tmp_path / "out" / "stand.json").read_text())["logs"][0]["proven"] == 1
+    assert json.loads((tmp_path / "out" / "records.jsonl").read_text())["proven"] is True
+    assert (
+        "1 record of 1 vehicle, each signed by the one that made it." in (tmp_path / "out" / "report.html").read_text()
+    )
+
+
+def test_records_of_whom_some_are_signed_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of a base station that ran without its key later."""
+    RecordStore(tmp_path / "base.db", BASE_ID, lambda: 7, keys=keys_of(BASE_ID)).close()
+    store = RecordStore(tmp_path / "base.db", BASE_ID, lambda: 7)
+    store.write(Batch(others=[Record(1, 5, 1, RecordKind.PAYLOAD, 0.0, b"unsigned")]))
+    store.close()
+    with sqlite3.connect(tmp_path / "base.db") as database:
+        database.execute("INSERT INTO record VALUES (2, 6, 1, 3, 0.0, x'00', x'01')")
+    database.close()
+    (tmp_path / "m.toml").write_text(TEXT)
+    arguments = ["--mission", str(tmp_path / "m.toml"), "--out", str(tmp_path / "out")]
+    assert main(["stand", str(tmp_path / "base.db"), *arguments]) == 0
+    assert "; 1 of 2 records are signed by nobody" in capsys.readouterr().out
+    assert "1 of 2 records are signed by nobody" in (tmp_path / "out" / "report.html").read_text()

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from companion.watch.chart import ChartError
-from companion.watch.charts import open_chart
+from mission.basemap.chart import ChartError
+from mission.basemap.charts import open_chart
 from mission.stems.utm import zone_of
 from tests.unit.watch.watch_kit import mbtiles
 

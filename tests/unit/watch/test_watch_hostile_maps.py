@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from companion.watch.chart import About, ChartError
-from companion.watch.charts import open_chart
 from companion.watch.command import about
-from companion.watch.mbtiles import HEAP_MAX_BYTES, TILE_MAX_BYTES, MbTiles
+from mission.basemap.chart import About, ChartError
+from mission.basemap.charts import open_chart
+from mission.basemap.mbtiles import HEAP_MAX_BYTES, TILE_MAX_BYTES, MbTiles
 from mission.stems.utm import zone_of
 from tests.unit.watch.watch_kit import mbtiles
 

@@ -14,9 +14,9 @@ import pytest
 from companion.shell.urls import HEARING_SCHEMES, UrlError, parse_url
 from companion.watch import server as watch_server
 from companion.watch.address import PORT, address_of
-from companion.watch.charts import open_chart
 from companion.watch.server import Stream, WatchServer
 from companion.watch.udp_receiver import UdpReceiver
+from mission.basemap.charts import open_chart
 from mission.common.network import own_addresses
 from mission.common.network.connections import CONNECTIONS_MAX
 from tests.unit.watch.watch_kit import mbtiles

@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from sim_bridge.drive.entrant.installed import GROUP
 from sim_bridge.drive.entrant.law import LawError, find_law, load_law
+from tests.installed_kit import Site
 from tests.unit.core.core_kit import mission
 
 GOOD = """\
@@ -21,22 +23,6 @@ def transit(memory, view):
 """
 
 
-class Site:
-    """A folder of installed packages."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-
-    def install(self, package: str, entry: str, **modules: str) -> None:
-        """As pip leaves it: metadata, entry points (`name = value`), modules."""
-        info = self.folder / f"{package}-1.2.dist-info"
-        info.mkdir()
-        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.2\n", encoding="utf-8")
-        (info / "entry_points.txt").write_text(f"[understory.laws]\n{entry}\n", encoding="utf-8")
-        for name, text in modules.items():
-            (self.folder / f"{name}.py").write_text(text, encoding="utf-8")
-
-
 @pytest.fixture
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Site:
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -44,7 +30,7 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Site:
 
 
 def test_an_installed_law_is_found_by_its_name_and_goes_to_other_processes(site: Site) -> None:
-    site.install("fine", "gentle = installed_fine", installed_fine=GOOD)
+    site.install("fine", GROUP, "gentle = installed_fine", installed_fine=GOOD)
     found = pickle.loads(pickle.dumps(find_law("gentle")))
     assert (found.name, found.path) == ("gentle", site.folder / "installed_fine.py")
     law = load_law(found)
@@ -54,7 +40,7 @@ def test_an_installed_law_is_found_by_its_name_and_goes_to_other_processes(site:
 
 def test_an_entry_point_may_name_an_object(site: Site) -> None:
     text = "class Law:\n" + "".join(f"    {line}\n" for line in GOOD.replace("(m", "(self, m").splitlines())
-    site.install("classy", "classy = installed_classy:LAW", installed_classy=text + "\n\nLAW = Law()\n")
+    site.install("classy", GROUP, "classy = installed_classy:LAW", installed_classy=text + "\n\nLAW = Law()\n")
     assert load_law(find_law("classy")).start(mission(), 3) == 3
 
 
@@ -63,7 +49,7 @@ def test_a_package_may_have_parts(site: Site) -> None:
     package.mkdir()
     (package / "__init__.py").write_text("from .inner import start, transit\n", encoding="utf-8")
     (package / "inner.py").write_text(GOOD, encoding="utf-8")
-    site.install("parts", "parts = installed_parts")
+    site.install("parts", GROUP, "parts = installed_parts")
     assert load_law(find_law("parts")).start(mission(), 2) == 2
 
 
@@ -93,14 +79,14 @@ def test_an_entry_point_that_is_no_law_is_named_with_its_package(
     site: Site, entry: str, text: str, message: str
 ) -> None:
     value = entry.partition(" = ")[2]
-    site.install("wrong", entry, **{value.partition(":")[0]: text} if value.startswith("installed") else {})
+    site.install("wrong", GROUP, entry, **{value.partition(":")[0]: text} if value.startswith("installed") else {})
     named = f"law bad (entry point understory.laws: {value}, of wrong 1.2): "
     with pytest.raises(LawError, match="^" + re.escape(named + message)):
         load_law(find_law("bad"))
 
 
 def test_what_goes_wrong_in_flight_names_the_entry_point_too(site: Site) -> None:
-    site.install("late", "late = installed_late", installed_late=GOOD.replace("vehicle_id\n", "1 / 0\n"))
+    site.install("late", GROUP, "late = installed_late", installed_late=GOOD.replace("vehicle_id\n", "1 / 0\n"))
     law = load_law(find_law("late"))
     with pytest.raises(
         LawError, match=r"^law late \(entry point .* of late 1\.2\): start: ZeroDivisionError.*, line 2"
@@ -109,8 +95,8 @@ def test_what_goes_wrong_in_flight_names_the_entry_point_too(site: Site) -> None
 
 
 def test_a_name_that_two_packages_have_is_nobodys(site: Site) -> None:
-    site.install("one", "same = installed_one", installed_one=GOOD)
-    site.install("two", "same = installed_two", installed_two=GOOD)
+    site.install("one", GROUP, "same = installed_one", installed_one=GOOD)
+    site.install("two", GROUP, "same = installed_two", installed_two=GOOD)
     with pytest.raises(
         LawError, match=r"^law same: entry point understory\.laws of more than one package: one 1\.2, two"
     ):
@@ -118,12 +104,12 @@ def test_a_name_that_two_packages_have_is_nobodys(site: Site) -> None:
 
 
 def test_ours_stays_ours(site: Site) -> None:
-    site.install("greedy", "ours = installed_greedy", installed_greedy=GOOD)
+    site.install("greedy", GROUP, "ours = installed_greedy", installed_greedy=GOOD)
     with pytest.raises(LawError, match=r"^law ours: entry point .* of greedy 1\.2: must have another name"):
         find_law("ours")
 
 
 def test_an_unknown_name_lists_the_installed_laws(site: Site) -> None:
-    site.install("a", "beta = installed_beta\nalpha = installed_beta", installed_beta=GOOD)
+    site.install("a", GROUP, "beta = installed_beta\nalpha = installed_beta", installed_beta=GOOD)
     with pytest.raises(LawError, match=r"the name of an installed law \(alpha, beta\), or a module"):
         find_law("gamma")

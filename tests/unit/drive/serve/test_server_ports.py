@@ -216,7 +216,7 @@ class TestRun:
     ) -> None:
         monkeypatch.setitem(sys.modules, "jsbsim", None)
         assert serve.run(arguments(str(mission_file))) == 3
-        assert "in the checkout, pip install '.[sim]'" in capsys.readouterr().err
+        assert "in the checkout, pip install -e '.[sim]'" in capsys.readouterr().err
 
     def test_a_mission_copy_that_cannot_be_written_ends_it_with_3(
         self, mission_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

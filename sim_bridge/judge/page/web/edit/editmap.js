@@ -1,6 +1,6 @@
 // The map that plans: what is clicked and dragged on it becomes a change of the mission.
 import { MapCanvas } from "../src/map/canvas.js";
-import { boxes, crowns, grid, scalebar } from "../src/map/layers/index.js";
+import { boxes, crowns, grid, north, scalebar } from "../src/map/layers/index.js";
 import { DESK } from "../src/map/style.js";
 import { viewOf } from "../src/map/view.js";
 import * as layers from "./layers.js";
@@ -25,16 +25,17 @@ export const EDIT_LAYERS = [
   layers.crosshair,
   layers.gridNumbers,
   scalebar,
-  layers.north,
+  north,
 ];
 
+const STYLE = { ...DESK, north: { x: 28, y: 36, sizePx: 11 } }; // in the corner: no tabs are there
 const MARGIN = 0.06; // of a side, around all of it
 const LEAST_M = 60;
 
 export class EditMap extends MapCanvas {
   // `acts`: { placed, moved, chosen, removed, hovered }, what a reader does on the map.
   constructor(canvas, acts) {
-    super(canvas, EDIT_LAYERS, DESK, () => {});
+    super(canvas, EDIT_LAYERS, STYLE, () => {});
     this.acts = acts;
     this.state = null;
     this.stand = null;

@@ -273,27 +273,6 @@ function label(ctx, ink, text, x, y, colour = ink.ink) {
   ctx.fillText(text, x, y);
 }
 
-const north = {
-  name: "north",
-  needs: [],
-
-  draw(ctx, view, { ink }) {
-    const [x, y] = [28, 34];
-    ctx.fillStyle = ctx.strokeStyle = ink.ink;
-    ctx.lineWidth = 1.5;
-    ctx.beginPath();
-    ctx.moveTo(x, y - 18);
-    ctx.lineTo(x + 7, y + 8);
-    ctx.lineTo(x, y + 3);
-    ctx.lineTo(x - 7, y + 8);
-    ctx.closePath();
-    ctx.fill();
-    ctx.textAlign = "center";
-    ctx.font = "600 13px system-ui, sans-serif";
-    label(ctx, ink, "N", x, y + 22);
-  },
-};
-
 // The middle of the map, where Enter places a point.
 const crosshair = {
   name: "crosshair",
@@ -313,4 +292,4 @@ const crosshair = {
   },
 };
 
-export { contours, corners, crosshair, fence, gridNumbers, handles, inTheWay, noRoom, north, radio, rings, route, start, stems };
+export { contours, corners, crosshair, fence, gridNumbers, handles, inTheWay, noRoom, radio, rings, route, start, stems };

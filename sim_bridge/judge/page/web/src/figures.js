@@ -17,6 +17,7 @@ export function header(replay) {
     {},
     el("h1", {}, replay.title),
     el("p", { class: `verdict ${state}` }, words),
+    replay.standReport ? el("p", {}, el("a", { href: replay.standReport }, "For foresters: stand report, with the map of stems")) : "",
     el("ul", { class: "limits" }, replay.limits.map((limit) =>
       el("li", { class: limit.kept === false ? "broken" : limit.kept ? "kept" : "" },
         el("span", {}, limit.name), el("b", {}, limit.flown),

@@ -31,13 +31,14 @@ export class FlightView {
     });
     this.space = el("div", { class: "view space", hidden: true });
     this.pointer = el("output", { class: "pointer", hidden: true, "aria-live": "off" });
+    const credit = el("p", { class: "credit" }, replay.chart?.attribution ?? "");
     this.status = el("p", { class: "status", "aria-live": "off" });
     this.tabs = ["From above", "3D"].map((name, i) =>
       el("button", { type: "button", "aria-pressed": i === 0, onclick: () => this.turn(i === 1) }, name),
     );
     const zoom = (name, text, act) => el("button", { type: "button", "aria-label": name, title: name, onclick: act }, text);
     root.append(
-      el("div", { class: "stage" }, this.flat, this.space, this.status, this.pointer,
+      el("div", { class: "stage" }, this.flat, this.space, this.status, this.pointer, credit,
         el("div", { class: "tabs", role: "group", "aria-label": "view" }, this.tabs),
         el("div", { class: "zoom", role: "group", "aria-label": "zoom" },
           zoom("zoom in", "+", () => this.zoom(1.4)),

@@ -1,5 +1,6 @@
 // The page: a flight, a flight under way, or a study.
 import { Clock } from "./clock.js";
+import { comparisonFigures, comparisonHeader, paired } from "./compare.js";
 import { Controls } from "./controls.js";
 import { el } from "./dom.js";
 import { EventList } from "./events.js";
@@ -47,15 +48,16 @@ function keys(clock, replay) {
 }
 
 // What a page of a flight consists of; `parts` grow with a flight under way.
-function flight(page, replay, themed, clock) {
+function flight(page, replay, themed, clock, comparison = null) {
   const root = el("section", { class: "flight" });
   const list = el("section", { class: "happened" });
   const plots = el("section", { class: "plots", "aria-label": "figures over time" });
   const table = el("section", { class: "by-vehicle" });
   const bar = el("div");
   page.append(
-    header(replay),
+    comparison ? comparisonHeader(replay, comparison, replay.against.notes) : header(replay),
     el("div", { class: "main" }, el("div", { class: "left" }, root), el("aside", {}, list)),
+    comparison ? comparisonFigures(comparison) : "",
     table,
     plots,
     ...details(replay),
@@ -64,6 +66,7 @@ function flight(page, replay, themed, clock) {
   const view = new FlightView(root, replay, clock, bar);
   const parts = [new TimeBar(bar, replay, clock), new EventList(list, replay, clock, (k) => view.select(k)), new Plots(plots, replay, clock)];
   if (replay.byVehicle.length) parts.push(new VehicleTable(table, replay, view));
+  if (replay.against) parts.push(new VehicleTable(table, replay.against, null));
   for (const part of parts) clock.listen((time) => part.show(time));
   themed.push(() => {
     for (const one of [view, ...parts]) (one.themed ?? one.redraw)?.call(one);
@@ -73,9 +76,10 @@ function flight(page, replay, themed, clock) {
   return { view, parts, bar };
 }
 
-function recorded(page, replay, themed) {
-  const clock = new Clock(replay.start, replay.end);
-  flight(page, replay, themed, clock);
+function recorded(page, doc, themed) {
+  const replay = doc.against ? paired(doc) : new Replay(doc);
+  const clock = new Clock(replay.start, Math.max(replay.end, replay.against?.end ?? 0));
+  flight(page, replay, themed, clock, doc.comparison);
   clock.seek(firstMoment(replay));
   addEventListener("hashchange", () => clock.seek(firstMoment(replay)));
 }
@@ -112,7 +116,7 @@ async function start() {
   page.replaceChildren(el("button", { class: "theme", type: "button", "aria-label": "light or dark", title: "light or dark", onclick: switchTheme }, "◐"));
   if (doc.format === "understory-study") study(page, doc);
   else if (doc.format === "understory-live") live(page, doc, stream, themed);
-  else recorded(page, new Replay(doc), themed);
+  else recorded(page, doc, themed);
   requestAnimationFrame(() => requestAnimationFrame(() => {
     document.documentElement.dataset.ready = String(Math.round(performance.now()));
   }));

@@ -2,6 +2,7 @@
 import uPlot from "uplot";
 import { colours, vehicleColour } from "./theme.js";
 import { el } from "./dom.js";
+import { resampled } from "./compare.js";
 import { upTo } from "./replay.js";
 
 const HEIGHT_PX = 104;
@@ -30,6 +31,8 @@ export class Plots {
   constructor(root, replay, clock) {
     this.replay = replay;
     this.clock = clock;
+    const { against } = replay;
+    this.time = against && against.end > replay.end ? against.time : replay.time; // of all columns
     this.panels = PANELS.map((panel) => ({ ...panel, data: replay.time.length || replay.grows ? this.data(panel) : null }))
       .filter(({ data }) => data)
       .map((panel) => this.make(panel, root));
@@ -38,13 +41,32 @@ export class Plots {
 
   // Its columns. Of a crowd that is drawn over and over again only what is told in words.
   data(panel) {
+    if (this.replay.against) return this.both(panel);
     const columns = panel.of(this.replay);
     if (!columns || !panel.say || !this.replay.grows || columns.length <= CROWD) return columns;
     return [this.replay.time.map((_, row) => panel.say(columns.map((column) => column[row])))];
   }
 
+  // Of A and B, a column each.
+  both(panel) {
+    const flights = [this.replay, this.replay.against];
+    const found = flights.map((flight) => {
+      const columns = panel.of(flight);
+      if (!columns) return null;
+      const one = columns.length > 1 ? flight.time.map((_, row) => panel.say(columns.map((column) => column?.[row] ?? NaN))) : columns[0];
+      return resampled(one, flight.time, this.time);
+    });
+    return found.every((column) => column === null) ? null : found;
+  }
+
+  // Of the line at an index.
+  colour(k, many) {
+    if (this.replay.against) return k ? colours().warn : colours().accent;
+    return many ? vehicleColour(k) : colours().accent;
+  }
+
   drawn(data) {
-    return [this.replay.time, ...data.map((column) => Array.from(column ?? [], (v) => (Number.isNaN(v) ? null : v)))];
+    return [this.time, ...data.map((column) => Array.from(column ?? [], (v) => (Number.isNaN(v) ? null : v)))];
   }
 
   // There are more rows.
@@ -63,8 +85,9 @@ export class Plots {
     const many = panel.data.length > 1;
     const axis = { stroke: () => colours().muted, grid: { stroke: () => colours().grid, width: 1 }, ticks: { show: false }, font: "11px system-ui, sans-serif" };
     const series = panel.data.map((_, k) => ({
-      stroke: () => (many ? vehicleColour(k) : colours().accent),
-      width: many ? 1 : 1.6,
+      stroke: () => this.colour(k, many),
+      width: many && !this.replay.against ? 1 : 1.6,
+      dash: this.replay.against && k ? [6, 4] : undefined,
       points: { show: false },
       paths: panel.stepped ? uPlot.paths.stepped({ align: 1 }) : undefined,
     }));
@@ -129,11 +152,12 @@ export class Plots {
   }
 
   show(time) {
-    const row = Math.max(0, upTo(this.replay.time, time) - 1);
+    const row = Math.max(0, upTo(this.time, time) - 1);
     for (const { chart, cursor, value, data, told, say } of this.panels) {
       cursor.style.transform = `translateX(${chart.valToPos(time, "x")}px)`;
       const values = data.map((column) => column?.[row] ?? NaN);
-      value.value = told(say ? say(values) : values[0]);
+      if (this.replay.against) value.value = values.map((one, k) => `${"AB"[k]} ${told(one)}`).join(" · ");
+      else value.value = told(say ? say(values) : values[0]);
     }
   }
 

@@ -73,6 +73,7 @@ export class Replay {
       events: doc.events,
       byVehicle: doc.by_vehicle ?? [], // none of a flight under way, nor in replays of 0.2
       chart: doc.chart ?? null,
+      standReport: doc.stand_report ?? null,
     });
     this.time = column(doc.time_s);
     const rows = this.time.length;

@@ -2,7 +2,7 @@
 import {
   AmbientLight, BufferAttribute, BufferGeometry, CanvasTexture, Color, ConeGeometry, CylinderGeometry, DirectionalLight, DoubleSide,
   GridHelper, InstancedMesh, Line, LineBasicMaterial, LineLoop, LineSegments, Matrix4, Mesh, MeshBasicMaterial, MeshLambertMaterial,
-  PerspectiveCamera, Plane, Quaternion, Raycaster, RingGeometry, Scene, Sprite, SpriteMaterial, Vector2, Vector3, WebGLRenderer,
+  PerspectiveCamera, Plane, Quaternion, Raycaster, RingGeometry, SRGBColorSpace, Scene, Sprite, SpriteMaterial, Vector2, Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { reach } from "./shadow.js";
@@ -58,6 +58,11 @@ export class Scene3D {
     this.cones = new InstancedMesh(cone, new MeshLambertMaterial(), count);
     this.cones.frustumCulled = false;
     this.scene.add(this.cones);
+    this.ghosts = replay.against && new InstancedMesh(cone, new MeshBasicMaterial({ wireframe: true }), replay.against.vehicles.length);
+    if (this.ghosts) {
+      this.ghosts.frustumCulled = false;
+      this.scene.add(this.ghosts);
+    }
     this.crown = new Mesh(new RingGeometry(1.4, 1.8, 40).rotateX(-Math.PI / 2), new MeshBasicMaterial({ color: plain(ink.leader), side: DoubleSide }));
     this.scene.add(this.crown);
     this.links = this.lines(new LineSegments(new BufferGeometry(), new LineBasicMaterial({ color: plain(ink.link), transparent: true, opacity: 0.5 })), 2 * replay.pairs.length);
@@ -161,7 +166,9 @@ export class Scene3D {
     pen.fillStyle = ink.ink;
     pen.strokeText(text, 96, 46);
     pen.fillText(text, 96, 46);
-    const sprite = new Sprite(new SpriteMaterial({ map: new CanvasTexture(canvas), depthTest: false, sizeAttenuation: false }));
+    const map = new CanvasTexture(canvas);
+    map.colorSpace = SRGBColorSpace; // else black letters are grey
+    const sprite = new Sprite(new SpriteMaterial({ map, depthTest: false, sizeAttenuation: false }));
     sprite.scale.set(0.11, 0.037, 1);
     sprite.renderOrder = 1; // over the crowns
     this.scene.add(sprite);
@@ -250,7 +257,26 @@ export class Scene3D {
     this.fill(this.drops, places.flatMap(([east, north, up]) => [[east, north, up], [east, north, 0]]));
     this.reached(selected ?? leader, at, places);
     this.trail(at, time, places);
+    if (this.ghosts) this.haunt(time);
     this.scanned(at, places);
+  }
+
+  // The vehicles of the other flight.
+  haunt(time) {
+    const { against } = this.replay;
+    this.ghosts.visible = this.layers.against;
+    const at = against.at(time);
+    const [matrix, turn, size, colour] = [new Matrix4(), new Quaternion(), new Vector3(), new Color()];
+    against.vehicles.forEach((one, k) => {
+      const [east, north, up] = against.place(k, at);
+      const where = new Vector3(east, up, -north);
+      turn.setFromAxisAngle(UP, (-(one.yaw_deg?.[at.row] || 0) * Math.PI) / 180);
+      size.setScalar(Math.max(1, where.distanceTo(this.camera.position) / SEEN_FROM_M));
+      this.ghosts.setMatrixAt(k, matrix.compose(where, turn, size));
+      this.ghosts.setColorAt(k, colour.copy(plain(vehicleColour(k))));
+    });
+    this.ghosts.instanceMatrix.needsUpdate = true;
+    this.ghosts.instanceColor.needsUpdate = true;
   }
 
   follow(seen) {

@@ -18,26 +18,29 @@ const COLUMNS = [
 ];
 
 export class VehicleTable {
+  // `view`: where a vehicle is followed; null: of flight B, which is drawn beside another.
   constructor(root, replay, view) {
+    const title = view ? (replay.against ? "Vehicles of A" : "Vehicles") : "Vehicles of B";
     this.view = view;
     this.rows = replay.byVehicle.map((row, k) => this.row(row, k));
-    root.append(
-      el("h2", {}, "Vehicles"),
-      el("div", { class: "wide", tabindex: "0" }, el("table", { class: "vehicles" },
+    root.append(...[
+      el("h2", {}, title),
+      el("div", { class: "wide", tabindex: "0", role: "group", "aria-label": title }, el("table", { class: "vehicles" },
         el("thead", {}, el("tr", {}, ["vehicle", ...COLUMNS.map(([name]) => name)].map((name) => el("th", { scope: "col" }, name)))),
         el("tbody", {}, this.rows.map(({ made }) => made)))),
-      el("p", { class: "note" }, "A click on a vehicle follows it in 2D and 3D. Beacons lost: of those sent within its radio range."),
-    );
+      view && el("p", { class: "note" }, "A click on a vehicle follows it in 2D and 3D. Beacons lost: of those sent within its radio range."),
+    ].filter(Boolean));
   }
 
   row(row, k) {
     const dot = el("i", { "aria-hidden": "true" });
     const button = el("button", { type: "button", "aria-pressed": false, "aria-label": `follow vehicle ${row.id}`, onclick: () => this.view.follow(k) }, dot, String(row.id));
-    const made = el("tr", {}, el("th", { scope: "row" }, button), COLUMNS.map(([, text]) => el("td", {}, text(row))));
+    const made = el("tr", {}, el("th", { scope: "row" }, this.view ? button : String(row.id)), COLUMNS.map(([, text]) => el("td", {}, text(row))));
     return { made, button, dot };
   }
 
   show() {
+    if (!this.view) return;
     const { selected, layers } = this.view;
     this.rows.forEach(({ button, dot }, k) => {
       button.setAttribute("aria-pressed", layers.follow && selected === k);

@@ -23,6 +23,7 @@ export const FLIGHT_LAYERS = [
   layers.links,
   layers.scans,
   layers.estimates,
+  layers.against,
   layers.vehicles,
   layers.north,
   layers.scalebar,
@@ -39,7 +40,7 @@ export class FlightMap extends MapCanvas {
     Object.assign(this, { replay, shown, time: replay.start });
     const { fence_enu_m: fence, places, coverage } = replay.mission;
     this.plane = replay.mission.origin ? new Plane(...replay.mission.origin) : null;
-    this.chart = replay.chart && this.plane ? new Chart(replay.chart, ([zoom, x, y]) => replay.chart.tiles[`${zoom}/${x}/${y}`], () => this.draw()) : null;
+    this.chart = replay.chart && this.plane ? new Chart(replay.chart, (tile) => (tile ? replay.chart.tiles[tile.join("/")] : replay.chart.image), () => this.draw()) : null;
     this.mission = { fence, places: places.map(({ name, enu_m: enu }) => ({ name, enu })), coverage };
   }
 
@@ -51,13 +52,13 @@ export class FlightMap extends MapCanvas {
   data() {
     const { replay, mission, time, chart, plane } = this;
     const shown = { ...this.shown, grid: chart === null };
-    return { replay, mission, shown, time, chart, plane, at: replay.time.length ? replay.at(time) : null };
+    return { replay, mission, shown, time, chart, plane, against: replay.against ?? null, at: replay.time.length ? replay.at(time) : null };
   }
 
   whole() {
-    const { vehicles, mission } = this.replay;
+    const { mission, vehicles, against } = this.replay;
     const points = [];
-    for (const one of vehicles) for (let row = 0; row < one.east_m.length; row += ROWS) points.push([one.east_m[row], one.north_m[row]]);
+    for (const one of [...vehicles, ...(against?.vehicles ?? [])]) for (let row = 0; row < one.east_m.length; row += ROWS) points.push([one.east_m[row], one.north_m[row]]);
     for (const { enu_m: at } of mission.places) points.push(at);
     const { centres_enu_m: centres, radius_m: radius } = mission.coverage;
     for (const [e, n] of centres) points.push([e - radius, n - radius], [e + radius, n + radius]);

@@ -8,7 +8,7 @@
 // The data always have `ink` (colours by name), `style` (map/style.js) and `selected`. A page's map lists its layers, the lowest first.
 
 // Of the page of a flight (map/flightmap.js). ENU metres.
-export const FLIGHT_KEYS = ["replay", "mission", "time", "at", "chart", "plane"]; // `at`: row and share of the next; none before the first row. `chart`: where the page has one
+export const FLIGHT_KEYS = ["replay", "mission", "time", "at", "chart", "plane", "against"]; // `at`: row and share of the next; none before the first row. `chart`, `against`: where the page has one
 // Of the page of `companion watch` (watch/watchmap.js). `vehicles` and `peerReports` with their `enu`, `chart` with its `plane`.
 export const WATCH_KEYS = ["mission", "vehicles", "peerReports", "chart", "plane"];
 

@@ -68,6 +68,7 @@ export class OrderBar {
     this.own = `${order.kind}: sending`;
     this.write();
     const why = await send(order, { key: this.key, nonce: () => this.orders?.nonce ?? null });
+    if (why && order.kind === "START" && !this.asked) this.ask("START"); // with who is ready by now
     this.own = why && `${order.kind}: not ordered: ${why}`;
     this.write();
   }

@@ -12,6 +12,7 @@ async function post(body) {
       method: "POST",
       headers: { "Content-Type": "application/json" },
       body: JSON.stringify(body),
+      referrerPolicy: "same-origin", // with the page's own, none, some browsers do not tell their origin either
       signal: AbortSignal.timeout(WAIT_MS),
     });
     const told = await answer.json().catch(() => ({}));

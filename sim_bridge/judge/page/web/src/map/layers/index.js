@@ -1,4 +1,5 @@
 // The registry of layers, by name. A page's map lists those that it shows: map/flightmap.js, watch/watchmap.js.
+export { against } from "./against.js";
 export { areas } from "./areas.js";
 export { boxes } from "./boxes.js";
 export { chart } from "./chart.js";

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-from companion.watch.chart import PICTURES, ZOOM_MAX, About, ChartError, is_picture
+from mission.basemap.chart import PICTURES, ZOOM_MAX, About, ChartError, is_picture
 from mission.common.problems import printable
 
 TILE_MAX_BYTES: Final = 1 << 22

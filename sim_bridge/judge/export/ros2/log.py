@@ -11,7 +11,7 @@ import numpy as np
 
 from companion.mavlink import dialect
 from companion.mavlink.framing import wire
-from companion.mavlink.framing.frames import source
+from companion.mavlink.framing.frames import find_frame, source
 from companion.sensors.scans import Reading, decoded
 from mission.common.frames import Vec3
 from sim_bridge.judge.export.axes import quaternions_enu, to_enu, to_flu
@@ -89,6 +89,28 @@ class Ros2Log:
             case dialect.MAVLINK_MSG_ID_BATTERY_STATUS:
                 self.batteries.append((time_s, _battery(m)))
 
+    def read_bytes(self, data: bytes, time_s: float) -> None:
+        """Frames that went over a link at `time_s`, up to what is none."""
+        at = 0
+        while at < len(data):
+            start, at, message_id = find_frame(data, at)
+            if at > len(data) or not self.read_frame(message_id, data[start:at], time_s):
+                return
+
+    def read_frame(self, message_id: int, frame: bytes, time_s: float) -> bool:
+        """One frame; False: it is damaged."""
+        if message_id in _WANTED and (message_id not in _OWN or source(frame, 0)[1] == AUTOPILOT):
+            try:
+                self.store_message(message_id, wire.fields(frame), time_s)
+            except dialect.MAVError:
+                return False
+        return True
+
+    def clear(self) -> None:
+        """Forget what was read, but for how the vehicle stands."""
+        for kept in (self.poses, self.setpoints, self.sweeps, self.batteries):
+            kept.clear()
+
     def pose_arrays(self) -> PoseArrays:
         """All poses, in the axes of ROS."""
         rows = np.array(self.poses).reshape(-1, 13)
@@ -117,13 +139,8 @@ def read_log(path: Path, start_us: int) -> Ros2Log:
     """The log in `path`, up to where it is damaged; empty where there is none. `start_us`: Unix time of time 0."""
     log = Ros2Log()
     for time_s, message_id, frame in frames(path, start_us):
-        if message_id not in _WANTED or (message_id in _OWN and source(frame, 0)[1] != AUTOPILOT):
-            continue
-        try:
-            message = wire.fields(frame)
-        except dialect.MAVError:
+        if not log.read_frame(message_id, frame, time_s):
             break
-        log.store_message(message_id, message, time_s)
     return log
 
 

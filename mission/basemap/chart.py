@@ -1,4 +1,4 @@
-"""A map of `companion watch`: what is told of it, what it gives, and how it is refused."""
+"""A map on disk: what is told of it, what it gives, and how it is refused."""
 
 from __future__ import annotations
 

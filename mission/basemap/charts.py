@@ -8,8 +8,8 @@ import struct
 from pathlib import Path
 from typing import Final
 
-from companion.watch.chart import PICTURES, About, Chart, ChartError
-from companion.watch.mbtiles import MbTiles
+from mission.basemap.chart import PICTURES, About, Chart, ChartError
+from mission.basemap.mbtiles import MbTiles
 from mission.stems.utm import Zone, to_wgs84
 
 IMAGE_MAX_BYTES: Final = 1 << 26

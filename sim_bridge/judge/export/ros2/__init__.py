@@ -1,0 +1,1 @@
+"""ROS 2 messages of a flight: their types and frames, out of telemetry; a bag of them."""
