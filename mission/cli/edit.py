@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         import tomlkit  # noqa: F401  an extra
     except ModuleNotFoundError:
-        print("mission edit: tomlkit is not installed: pip install 'understory-uav[edit]'", file=sys.stderr)
+        print("mission edit: tomlkit is not installed: in the checkout, pip install -e '.[edit]'", file=sys.stderr)
         return EXIT_ENVIRONMENT
     from mission.common.signals import Stop
     from mission.edit.api import Api
