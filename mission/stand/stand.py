@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 from mission.common.files import refused
 from mission.common.problems import MissionError, Problem, first_of, shown
@@ -22,14 +22,9 @@ from mission.schema.trees import StandTree
 from mission.stand.generate import generate_stand
 
 if TYPE_CHECKING:
-    from mission.common.frames import Wgs84
     from mission.stems.stem_map import StemMap
 
-    class ReadStems(Protocol):
-        """Reads a stem map as `read_stems` does."""
-
-        def __call__(self, path: Path, *, origin: Wgs84 | None) -> StemMap:
-            """MissionError."""
+    ReadStems = Callable[..., StemMap]  # as `read_stems`: mypyc has no Protocol here
 
 
 __all__ = ["Stand", "StandBox", "StandTree", "stand_of"]
