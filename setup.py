@@ -80,6 +80,7 @@ PURE = {
     "sim_bridge/world/airframe/base.py",  # an exception of a kind that mypyc does not compile
     "sim_bridge/world/airframe/bench.py",  # a program
     "sim_bridge/world/sensors/bench.py",  # the same
+    "sim_bridge/world/sensors/installed.py",  # reads a protocol's signatures, which compiled functions have not
     "sim_bridge/world/autopilot/commands.py",  # a generic dataclass: mypyc's does not load
     "sim_bridge/world/autopilot/ardupilot/commands.py",
     "sim_bridge/world/autopilot/px4/commands.py",

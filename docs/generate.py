@@ -31,6 +31,7 @@ from mission.document.model import Mission
 from sim_bridge.judge import estimate_errors, estimate_recorder, metrics, recording, verdict
 from sim_bridge.judge.metrics import stems
 from sim_bridge.judge.page import about as replay_keys
+from sim_bridge.judge.page.names import name_of
 
 REFERENCE = Path(__file__).parent / "reference"
 WIDTH = 100
@@ -152,10 +153,10 @@ def metrics_page() -> Iterator[str]:
     yield "again, and the verdict. A dash (`null` in JSON) means that the flight never came to that point. Times are"
     yield "simulated."
     yield from ("", "## Terms", "", terms.partition("\n\n")[2], "", "## Figures", "")
-    yield from ("| figure | in studies | unit | better | definition |", "|---|---|---|---|---|")
+    yield from ("| figure | shown as | unit | better | definition |", "|---|---|---|---|---|")
     for figure in metrics.FIGURES:
         better = figure.better.value if figure.better else ""
-        yield row(f"`{figure.name}`", figure.title, figure.unit, better, figure.text)
+        yield row(f"`{figure.name}`", name_of(figure.name), figure.unit, better, figure.text)
     about, _, claims = (inspect.getdoc(verdict) or "").partition("\n\n")
     yield from ("", "## The verdict", "", about, "", claims, "")
     yield "Exit code 0 is ARRIVED, with or without somebody; anything else is 1."

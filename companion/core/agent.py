@@ -34,7 +34,7 @@ from companion.core.vehicle.accepted import Accepted
 from companion.core.vehicle.failsafe import Readings, Source
 from companion.core.vehicle.flight import Flight
 from companion.core.vehicle.obstacle_sensor_monitor import ObstacleSensorMonitor
-from companion.core.vehicle.operator_orders import FloodedOrders, OperatorOrders
+from companion.core.vehicle.operator_orders import FloodedOrders, OperatorOrders, answer_hand_back
 from mission.document.model import Mission
 
 TICK_HZ: Final = 20
@@ -295,6 +295,7 @@ class Agent:
         if event.order is Order.START and self.flight.grounded:
             self._report_text(Severity.ERROR, brief(f"grounded, {self.flight.grounded}"))
         if event.order is Order.START and event.hands_back:
+            self._says += answer_hand_back(self.flight.state, airborne=self.flight.vehicle.airborne)
             self.flight.hand_back()
 
     def _recover_from_stall(self, now_s: float) -> None:

@@ -67,7 +67,7 @@ class ListeningGuard:
             return False
         if stream is None:  # until its first manifest
             return False
-        refusal = stream.refusal(frame, self._session, sender, now_s)
+        refusal = stream.refusal(frame, self._session, sender, now_s, named=named)
         if refusal:
             if refusal != "repeated":  # by two ways
                 self._note_stranger(sender, FORGED, now_s)

@@ -21,7 +21,7 @@ from mission.schema.sim import OdometryErrors, RangingErrors, Sky
 from mission.schema.tables import Swarm
 
 if TYPE_CHECKING:
-    from mission.stand.stand import Stand
+    from mission.stand.stand import ReadStems, Stand
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,14 +38,17 @@ class Findings:
     stand: Stand | None
 
 
-def check_document(document: Document, path: str | os.PathLike[str]) -> Findings:
-    """Findings about the document of the file `path`, beside which its stem map is. MissionError with every problem."""
+def check_document(document: Document, path: str | os.PathLike[str], read: ReadStems | None = None) -> Findings:
+    """Findings about the document of the file `path`, beside which its stem map is. MissionError with every problem.
+
+    read: as for `stand_of`.
+    """
     mission = validated(Mission, *document)
     values, place, line_of = document
     beyond = simulator.problems(mission, place, values, line_of)
     if beyond and mission.origin is None:
         raise MissionError(beyond)
-    stand, absent, notes = _check_stand(mission, document, path)
+    stand, absent, notes = _check_stand(mission, document, path, read)
     lacking = find_lacking_room(mission)
     notes = [
         *find_short_batteries(mission),
@@ -127,7 +130,7 @@ def _survey(mission: Mission) -> Iterator[str]:
 
 
 def _check_stand(
-    mission: Mission, document: Document, path: str | os.PathLike[str]
+    mission: Mission, document: Document, path: str | os.PathLike[str], read: ReadStems | None
 ) -> tuple[Stand | None, tuple[Problem, ...], list[str]]:
     """Its stand; that its stem map is absent, which only the simulator reads; notes where its fence meets crowns.
 
@@ -139,7 +142,7 @@ def _check_stand(
     from mission.stand.resolve import resolve_stand
 
     try:
-        stand = resolve_stand(mission, path, document)
+        stand = resolve_stand(mission, path, document, read)
     except MissionError as error:
         if mission.origin is None or (Path(path).parent / (mission.forest.file or "")).exists():
             raise

@@ -23,7 +23,11 @@ LOOK_S = 0.2  # at whether it is to stop
 def add_parser(commands: Any) -> None:
     """`edit`."""
     parser = commands.add_parser(
-        "edit", help="plan a mission by clicking, in the browser", description=_ABOUT, allow_abbrev=False
+        "edit",
+        help="plan a mission by clicking, in the browser",
+        description=_ABOUT,
+        epilog="exit codes: 0 ended by SIGINT or SIGTERM, 2 wrong usage or a file is refused, 3 the port cannot be had",
+        allow_abbrev=False,
     )
     parser.add_argument("file", metavar="FILE.toml", help="a mission file; where there is none yet, a new one is begun")
     parser.add_argument("--stems", metavar="FILE", help="begin a new mission in this stem map: .csv, .geojson or .gpkg")
@@ -36,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         import tomlkit  # noqa: F401  an extra
     except ModuleNotFoundError:
-        print("mission edit: tomlkit is not installed: pip install 'understory-uav[edit]'", file=sys.stderr)
+        print("mission edit: tomlkit is not installed: in the checkout, pip install -e '.[edit]'", file=sys.stderr)
         return EXIT_ENVIRONMENT
     from mission.common.signals import Stop
     from mission.edit.api import Api

@@ -104,7 +104,7 @@ class Editor:
         try:
             document = parse_document(text, path)
             values = document.values  # with the points of trees that it names
-            found = check_document(document, path)
+            found = check_document(document, path, self.ground.read_stem_map)
         except MissionError as error:
             problems = error.problems
         self.ground.draw(values, None if found is None else found.stand)

@@ -32,8 +32,9 @@ class Ground:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._read: tuple[object, StemMap | MissionError] | None = None  # a stem map, by its file's state
+        self._read: tuple[object, StemMap | MissionError] | None = None  # the last, by its file
         self._drawn: object = None
+        self._shows_generated = False
         self.id = ""
         self.data = b"{}"  # JSON
         self.why_not = ""  # there is no stem map to draw
@@ -43,16 +44,16 @@ class Ground:
         """Takes up what a document says of its forest. `stand`: of a good mission, or None."""
         forest = values.get("forest")
         forest = forest if isinstance(forest, Mapping) else {}
-        stems = self._stems(forest.get("file"), origin_of(values))
-        self.why_not = str(stems) if isinstance(stems, MissionError) else ""
-        mapped = stems.stems if isinstance(stems, StemMap) else ()
+        stems, self.why_not = self._find_stems(forest.get("file"), origin_of(values))
+        mapped = () if stems is None else stems.stems
         is_generated = isinstance(forest.get("stand"), Mapping)
-        if is_generated and stand is None and self.id:
+        if is_generated and stand is None and self._shows_generated:
             return  # it cannot be generated now: the last one stays
         key = (stand if is_generated else stems, json.dumps(forest, default=str))
         if key == self._drawn:
             return
         self._drawn = key
+        self._shows_generated = is_generated and stand is not None
         trees = [*_alone(forest), *(stem.tree for stem in mapped if stem.tree.species != UNDERGROWTH)]
         bushes: Sequence[StandTree] = [stem.tree for stem in mapped if stem.tree.species == UNDERGROWTH]
         if is_generated and stand is not None:
@@ -71,22 +72,31 @@ class Ground:
         self.data = json.dumps(told, separators=(",", ":")).encode()
         self.id = hashlib.blake2b(self.data, digest_size=8).hexdigest()
 
-    def _stems(self, file: object, origin: Wgs84 | None) -> StemMap | MissionError | None:
-        """The stem map of that name, read again only when it has changed; None: there is none."""
-        if not isinstance(file, str) or Path(file).name != file:
-            return None
-        path = self._folder / file
+    def read_stem_map(self, path: Path, *, origin: Wgs84 | None) -> StemMap:
+        """The stem map in `path`, read again only when its file has changed. MissionError."""
         try:
             state = os.stat(path)
-            key: object = (file, origin, state.st_mtime_ns, state.st_size, state.st_ino)
         except OSError:
-            key = (file, origin, None)
+            return read_stems(path, origin=origin)
+        key = (path, origin, state.st_mtime_ns, state.st_size, state.st_ino)
         if self._read is None or self._read[0] != key:
             try:
                 self._read = key, read_stems(path, origin=origin)
             except MissionError as error:
                 self._read = key, error
-        return self._read[1]
+        found = self._read[1]
+        if isinstance(found, MissionError):
+            raise MissionError(found.problems)
+        return found
+
+    def _find_stems(self, file: object, origin: Wgs84 | None) -> tuple[StemMap | None, str]:
+        """The stem map of that name, if there is one that can be read; and why not."""
+        if not isinstance(file, str) or Path(file).name != file:
+            return None, ""
+        try:
+            return self.read_stem_map(self._folder / file, origin=origin), ""
+        except MissionError as error:
+            return None, str(error)
 
 
 def stem_files(folder: Path) -> list[str]:

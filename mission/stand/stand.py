@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -23,6 +23,9 @@ from mission.stand.generate import generate_stand
 
 if TYPE_CHECKING:
     from mission.stems.stem_map import StemMap
+
+    ReadStems = Callable[..., StemMap]  # as `read_stems`: mypyc has no Protocol here
+
 
 __all__ = ["Stand", "StandBox", "StandTree", "stand_of"]
 
@@ -99,8 +102,10 @@ class Stand:
         return min(enters_m, leaves_m) < ground_m + tree.height_m and max(enters_m, leaves_m) > ground_m
 
 
-def stand_of(mission: Mission, folder: str | os.PathLike[str] | None = None) -> Stand:
+def stand_of(mission: Mission, folder: str | os.PathLike[str] | None = None, read: ReadStems | None = None) -> Stand:
     """The stand of `mission`: its own trees, what `[forest.stand]` grows, and the stem map `forest.file` in `folder`.
+
+    read: in place of `read_stems`, for who remembers maps that were read.
 
     MissionError when the stem map cannot be read, is not where the mission is, or has trees in the starting points, or
     one at d2 that is too thick.
@@ -113,19 +118,21 @@ def stand_of(mission: Mission, folder: str | os.PathLike[str] | None = None) -> 
         trees += grown.trees
         bushes = grown.bushes
     if forest.file is not None:
-        stems = mapped_stems(mission, forest.file, folder)
+        stems = mapped_stems(mission, forest.file, folder, read)
         trees += stems.trees
         bushes = stems.bushes
     return Stand(trees, bushes, forest.grade, [box.block for box in forest.boxes])
 
 
-def mapped_stems(mission: Mission, file: str, folder: str | os.PathLike[str] | None) -> StemMap:
+def mapped_stems(
+    mission: Mission, file: str, folder: str | os.PathLike[str] | None, read: ReadStems | None = None
+) -> StemMap:
     """The stem map `file` beside the mission, in `folder`, checked against its places. MissionError."""
     from mission.stems.stem_map import read_stems  # csv, json: only for missions that have one
 
     if folder is None:
         raise refused(file, None, "is a stem map beside the mission's file, and this mission was read from none")
-    stems = read_stems(Path(folder, file), origin=None if mission.origin is None else mission.origin.wgs84)
+    stems = (read or read_stems)(Path(folder, file), origin=None if mission.origin is None else mission.origin.wgs84)
     if mission.origin is None and stems.origin is not None:
         raise refused(stems.place, None, "is in degrees: the mission needs an [origin] to say where it is")
     found = list(map_problems(mission, stems))

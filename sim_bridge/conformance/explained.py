@@ -33,7 +33,7 @@ EXPLAINED = (
     Explained(
         Personality.PX4,
         "streams",
-        frozenset(f"message {number}" for number in (8, 29, 42, 87, 132, 380, 411, 436, 12901, 12904)),
+        frozenset({"DISTANCE_SENSOR (132)", *(f"message {k}" for k in (8, 29, 42, 87, 380, 411, 436, 12901, 12904))}),
         "PX4 streams with nothing behind them here: LINK_NODE_STATUS (8), SCALED_PRESSURE (29), MISSION_CURRENT"
         " (42), POSITION_TARGET_GLOBAL_INT (87), DISTANCE_SENSOR (132), TIME_ESTIMATE_TO_TARGET (380),"
         " CURRENT_EVENT_SEQUENCE (411), CURRENT_MODE (436), OPEN_DRONE_ID_LOCATION (12901), OPEN_DRONE_ID_SYSTEM"

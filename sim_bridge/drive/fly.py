@@ -76,7 +76,7 @@ class Flight:
         self.harvest = harvest
         self.keyholder = keyholder
         self.lockstep = Lockstep(world, companions, harvest, keyholder)
-        self.recorder = Recorder()
+        self.recorder = Recorder(folder)
         self.estimates = EstimateRecorder(mission)
         self.trace = Trace()
         self.observer = Observer(mission, world.vehicles, folder, world.stand)

@@ -7,11 +7,13 @@ import contextlib
 import os
 import shutil
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from mission.cli.main import EXIT_BAD_FILE
 from mission.common.network import own_addresses
 from mission.document import simulator
+from mission.document.airtime import find_short_batteries
 from mission.document.load import load_with_source
 from mission.document.model import Mission
 from mission.schema.fault_kinds import FORMS
@@ -22,7 +24,7 @@ from sim_bridge.drive.entrant.stages import Entrant
 from sim_bridge.drive.external.options import ExternalAutopilots
 from sim_bridge.drive.external.program import fly_external
 from sim_bridge.drive.faults import with_options
-from sim_bridge.drive.fly import INTERRUPTED, ORIGINAL_NAME, fly
+from sim_bridge.drive.fly import INTERRUPTED, ORIGINAL_NAME, Flight, fly
 from sim_bridge.drive.interrupts import interrupt_once
 from sim_bridge.drive.links.ports import PORT_MAX
 from sim_bridge.drive.links.router import parse_url
@@ -56,26 +58,28 @@ def run(args: argparse.Namespace) -> int:
     interrupt_once()
     if args.stay is None:
         args.stay = is_attended()
-    folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
-    (folder / ORIGINAL_NAME).write_bytes(original)  # the file may change, or go, while it is flown
-    if mission.forest.file is not None:
-        shutil.copyfile(args.mission.parent / mission.forest.file, folder / mission.forest.file)
     title = mission.name or args.mission.stem
     with contextlib.ExitStack() as stack:
+        publish = open_topics(args, mission, stack)
+        folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
+        (folder / ORIGINAL_NAME).write_bytes(original)  # the file may change, or go, while it is flown
+        if mission.forest.file is not None:
+            shutil.copyfile(args.mission.parent / mission.forest.file, folder / mission.forest.file)
         map_ = None
         if args.map is not None:
             map_ = Map(args.map, CONTROLS if external is None else ())
             stack.callback(map_.close)
         with Progress(sys.stderr) as progress:
             _announce(args, mission, title, map_, entrant, progress)
-            try:
-                if external is None:
-                    outcome = _fly(args, mission, folder, progress, title, map_, entrant)
-                else:
+            if external is None:
+                live = None if map_ is None else Live(map_, Pace(args.speed), title, LOOK_S if args.stay else 0.0)
+                outcome = _fly(args, mission, folder, progress, live, entrant, publish)
+            else:
+                try:
                     outcome = fly_external(mission, external, folder, progress, map_)
-            except StartError:
-                _leave_nothing(folder, mission.forest.file)
-                raise
+                except StartError:
+                    _leave_nothing(folder, mission.forest.file)
+                    raise
             if mission.survey is not None:
                 from sim_bridge.drive.stand_files import write_stand  # numpy's and scipy's parts that only it needs
 
@@ -132,6 +136,8 @@ def _announce(
             progress.event(0.0, "no display here: open the address in a browser that reaches this computer")
     if args.airframe == POINT_MASS:
         progress.event(0.0, "point masses: no flight dynamics, still air")
+    for note in find_short_batteries(mission) if args.autopilots is None else ():
+        progress.event(0.0, note)
     if mission.flies_blind:
         progress.event(0.0, "no [sensing]: vehicles do not see the forest")
     if not entrant.is_ours:
@@ -143,28 +149,25 @@ def _fly(
     mission: Mission,
     folder: Path,
     progress: Progress,
-    title: str,
-    map_: Map | None,
+    live: Live | None,
     entrant: Entrant,
+    publish: Callable[[Flight], None] | None,
 ) -> Outcome:
-    """Over the simulator's own autopilots."""
+    """Over the simulator's own autopilots. `publish`: called after each tick."""
     mission = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
-    look_s = LOOK_S if args.stay else 0.0
-    live = None if map_ is None else Live(map_, Pace(args.speed), title, look_s)
-    with contextlib.ExitStack() as stack:
-        return fly(
-            mission,
-            folder,
-            progress,
-            in_process=args.agents == IN_PROCESS,
-            factor=args.speed,
-            airframes=point_mass_airframes(mission) if args.airframe == POINT_MASS else None,
-            watch=open_topics(args, mission, stack),
-            live=live,
-            entrant=entrant,
-            keys=FleetKeys(mission) if args.signed else None,
-            black_box=args.black_box,
-        )
+    return fly(
+        mission,
+        folder,
+        progress,
+        in_process=args.agents == IN_PROCESS,
+        factor=args.speed,
+        airframes=point_mass_airframes(mission) if args.airframe == POINT_MASS else None,
+        watch=publish,
+        live=live,
+        entrant=entrant,
+        keys=FleetKeys(mission) if args.signed else None,
+        black_box=args.black_box,
+    )
 
 
 def _leave_nothing(folder: Path, stems: str | None) -> None:

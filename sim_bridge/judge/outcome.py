@@ -22,10 +22,13 @@ from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import Metrics, measure
 from sim_bridge.judge.metrics.stems import StemFigures
 from sim_bridge.judge.page.limits import limits
+from sim_bridge.judge.page.names import named
 from sim_bridge.judge.page.replay import Verdict as Judged
 from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.verdict import judge, with_notes
+
+NAME_CHARS = 42  # of the longest name of a figure
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,10 +137,18 @@ def present(outcome: Outcome, folder: Path, unwritten: Sequence[str], *, as_json
 
 
 def print_figures(figures: Mapping[str, Any]) -> None:
-    """One a line, with the digits that mean something; metrics.json has them all."""
-    for key, value in figures.items():
-        shown = "-" if value is None else f"{value:.4g}" if isinstance(value, float) else value
-        print(f"  {key:<30} {shown}")
+    """One a line, by the name that people see; metrics.json has all digits."""
+    for name, value in named(figures):
+        print(f"  {name:<{NAME_CHARS}} {_shown(value)}")
+
+
+def _shown(value: Any) -> str:
+    """With the digits that mean something."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_shown, value)) or "none"
+    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _in_a_line(outcome: Outcome) -> str:

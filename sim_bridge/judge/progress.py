@@ -42,6 +42,17 @@ class Status:
         )
 
 
+def describe_pace(done: int, share: float, elapsed_s: float) -> str:
+    """Rate and time left of long work, in words. `done`: pieces; `share`: of the whole, by what they cost, 0 to 1."""
+    if not done or elapsed_s <= 0.0:
+        return ""
+    left = ""
+    if share > 0.0:
+        left_s = elapsed_s * (1.0 - share) / share
+        left = f", {left_s:.0f} s left" if left_s < 90.0 else f", {left_s / 60.0:.0f} min left"
+    return f", {60.0 * done / elapsed_s:.4g} a minute{left}"
+
+
 class _Console(Console):
     def on_broken_pipe(self) -> None:
         """An error as any other: rich would end the program."""

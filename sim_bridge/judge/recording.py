@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import struct
+import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import Any, Final, NamedTuple
+from pathlib import Path
+from typing import IO, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +19,7 @@ from sim_bridge.judge.tick import TOUCHED, Tick
 
 FRAME_HEADER_BYTES: Final = 10  # MAVLink 2
 FRAME_CRC_BYTES: Final = 2
+KEPT_TICKS: Final = 1200  # rows in memory: a minute of flight
 
 
 _TOUCHED: Final = ", ".join([f"{k} {what or 'nothing'}" for k, what in enumerate(TOUCHED)])
@@ -62,15 +66,50 @@ class Recording:
 
 
 class Recorder:
-    """Keeps what a recording is made of. `add` every tick, in the order of time."""
+    """Keeps what a recording is made of. `add` every tick, in the order of time.
 
-    def __init__(self) -> None:
+    Rows become arrays, KEPT_TICKS at a time, and go to a file without a name: a flight may take hours.
+    """
+
+    def __init__(self, folder: Path | None = None) -> None:
+        """`folder`: on whose disk the file is; None: there is none, and arrays are kept in memory."""
         self._rows: list[tuple[Any, ...]] = []
+        self._last: tuple[Any, ...] | None = None
+        self._arrays: list[Recording] = []  # of earlier ticks that no file has: there is none, or its disk is full
+        self._folder = folder
+        self._file: IO[bytes] | None = None
+        self._filed = 0  # recordings in it
         self._silent_s: dict[int, float] = {}  # when each companion did not answer last
 
     def add(self, tick: Tick) -> None:
         """One row."""
-        self._rows.append(self.row(tick))
+        self._last = self.row(tick)
+        self._rows.append(self._last)
+        if len(self._rows) == KEPT_TICKS:
+            self._arrays.append(assembled(self._rows))
+            self._rows = []
+            self._file_arrays()
+
+    def _file_arrays(self) -> None:
+        """Move the arrays to the file, in their order; those that it does not take stay."""
+        if self._folder is None:
+            return
+        try:
+            if self._file is None:
+                self._file = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115  for as long as the recorder is
+            while self._arrays:
+                end = self._file.seek(0, os.SEEK_END)
+                try:
+                    for name in COLUMNS:
+                        np.save(self._file, getattr(self._arrays[0], name), allow_pickle=False)
+                    self._file.flush()
+                except OSError:
+                    self._file.truncate(end)
+                    raise
+                self._arrays.pop(0)
+                self._filed += 1
+        except OSError:
+            return  # tried again with the next
 
     def row(self, tick: Tick) -> tuple[Any, ...]:
         """Row that `assembled` takes, and `add` keeps."""
@@ -103,11 +142,28 @@ class Recorder:
     @property
     def last(self) -> tuple[Any, ...]:
         """The row of the tick that was added last, as `assembled` takes it. IndexError before the first."""
-        return self._rows[-1]
+        if self._last is None:
+            raise IndexError("no tick has been added")
+        return self._last
 
     def recording(self) -> Recording:
-        """All ticks so far."""
-        return assembled(self._rows)
+        """All ticks so far. The file is read back, and closed."""
+        if self._file is not None:
+            self._file.seek(0)
+            filed = [
+                Recording(**{name: np.load(self._file, allow_pickle=False) for name in COLUMNS})
+                for _ in range(self._filed)
+            ]
+            self._arrays = [joined([*filed, *self._arrays])]
+            self._file.close()
+            self._file, self._filed = None, 0
+        rows = [assembled(self._rows)] if self._rows or not self._arrays else []
+        return joined([*self._arrays, *rows])
+
+
+def joined(parts: Sequence[Recording]) -> Recording:
+    """Recordings of one flight, one after the other."""
+    return Recording(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS})
 
 
 def assembled(rows: Iterable[Sequence[Any]]) -> Recording:

@@ -12,7 +12,7 @@ from typing import Any
 from mission.cli.main import EXIT_BAD_FILE
 from sim_bridge.errors import StartError
 from sim_bridge.judge import page, run_folder
-from sim_bridge.judge.outcome import print_figures
+from sim_bridge.judge.outcome import NAME_CHARS, print_figures
 from sim_bridge.judge.page.basemap import piece_of
 from sim_bridge.judge.page.black_boxes import box_lines, box_section, read_boxes
 from sim_bridge.judge.progress import Progress
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
         print_figures({key: value for key, value in flight.figures.items() if key != "verdict"})
         for line in box_lines(boxes):
             print(f"  {line}")
-        print(f"  replay                         {file}")
+        print(f"  {'replay':<{NAME_CHARS}} {file}")
         if flight.verdict.text is not None:
             print(flight.verdict.text)
     if args.open:

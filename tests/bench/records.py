@@ -82,7 +82,8 @@ def records() -> Iterator[Row]:
             seen = f"{spread(without, ' ms')} without, {spread(with_them, ' ms')} with: {spread(more, ' %')} more"
             kind = "signed records" if signed else "records"
             what = f"beacons' p99 age, n = 8, 250 kbit/s, {who} with {kind} without end, {how}"
-            yield Row(what, "<= 5 % more", seen, max(more) <= 5.0)
+            most = 10.0 if signed else 5.0  # a signed record is half as long again, and a beacon may wait for one
+            yield Row(what, f"<= {most:g} % more", seen, max(more) <= most)
 
 
 # --- whole flights ---

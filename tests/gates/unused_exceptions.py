@@ -42,8 +42,6 @@ __getattr__  # Python: of a module whose parts are imported when they are asked 
 
 # Read from outside, as JSON or text, by their names: fields of what is written.
 _.time_utc  # preflight's report
-_.min_zoom  # watch: what the page is told of a chart
-_.max_zoom
 _.corners_deg
 _.size_px
 _.attribution

@@ -14,15 +14,18 @@ import pytest
 from mission.document.load import load_mission
 from sim_bridge import cli
 from sim_bridge.judge import page, run_folder
-from sim_bridge.judge.metrics import acting_leader, links
+from sim_bridge.judge.metrics import FIGURES, acting_leader, links
 from sim_bridge.judge.metrics.pairs import look_at_pairs
+from sim_bridge.judge.outcome import NAME_CHARS
 from sim_bridge.judge.page.about import ABOUT
 from sim_bridge.judge.page.coding import read_column, read_steps, unpack
+from sim_bridge.judge.page.names import name_of
 from sim_bridge.judge.recording import Recording
 from sim_bridge.lab.judged import judged
 from sim_bridge.trunk_attenuation import range_share
 
 POSITION_M = 0.005  # half a step
+ABSENT = frozenset({"stand_report", "chart", "chart.tiles"})  # of this flight
 OPEN = frozenset({"figures", "links", "events[].severity"})  # keys inside are not listed, or not in every entry
 
 
@@ -84,6 +87,19 @@ def test_the_least_separation_is_that_of_the_metrics_to_the_rows_rate(replay: di
     assert least_m >= whole.separation_m.min() - 0.005
 
 
+def test_figures_have_names_with_units_and_no_keys(replay: dict[str, Any]) -> None:
+    shown = dict(replay["figures_named"])
+    assert len(shown) == len(replay["figures"])  # no two have one name
+    assert not [name for name in shown if "_" in name]
+    assert shown["least separation, m"] == replay["figures"]["min_separation_m"]
+    assert shown["connected in transit, %"] == 100.0 * replay["figures"]["connected_fraction_transit"]
+    page_of_figures = (Path(__file__).parents[2] / "docs" / "reference" / "metrics.md").read_text(encoding="utf-8")
+    for figure in FIGURES:
+        assert f"| `{figure.name}` | {name_of(figure.name)} |" in page_of_figures
+        assert name_of(figure.name) in shown
+        assert len(name_of(figure.name)) <= NAME_CHARS
+
+
 def test_a_killed_leader_is_a_fault_and_the_reason_of_the_next_election(replay: dict[str, Any]) -> None:
     faults = [event for event in replay["events"] if event["kind"] == "fault"]
     leads = [event for event in replay["events"] if event["kind"] == "lead"]
@@ -141,7 +157,7 @@ def test_scans_show_trunks_where_they_stand(replay: dict[str, Any]) -> None:
 
 def test_every_key_is_documented_and_every_documented_key_is_there(replay: dict[str, Any]) -> None:
     found = set(keys(replay, ""))
-    assert found - OPEN == set(ABOUT) - OPEN
+    assert found - OPEN == set(ABOUT) - OPEN - ABSENT
     assert (OPEN - {"events[].severity"}) <= found
 
 
@@ -164,7 +180,7 @@ def test_report_writes_a_page_that_holds_the_replay_and_asks_for_nothing(
     file = tmp_path / "page.html"
     code = cli.main(["report", str(run), "--out", str(file)])
     text = file.read_text(encoding="utf-8")
-    assert f"  replay                         {file}\n" in capsys.readouterr().out
+    assert f"  {'replay':<{NAME_CHARS}} {file}\n" in capsys.readouterr().out
     assert code == (0 if replay["verdict"]["succeeded"] else 1)
     held = re.search(r'id="data">([^<]*)<', text)
     assert held is not None

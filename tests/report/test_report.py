@@ -13,6 +13,7 @@ from mission.common.problems import MissionError
 from mission.document.load import dump_mission
 from mission.document.model import Mission
 from sim_bridge.judge import run_folder
+from sim_bridge.judge.outcome import NAME_CHARS
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.run_folder import RunFolderError
 from sim_bridge.lab import report
@@ -56,7 +57,7 @@ def test_it_prints_the_figures_and_writes_the_page(tmp_path: Path, capsys: pytes
     save_flight(tmp_path)
     (tmp_path / "mission.toml").write_text(dump_mission(MISSION), encoding="utf-8")
     assert report.run(parsed(str(tmp_path))) == 0
-    assert "arrival_last_s                 25\n" in capsys.readouterr().out
+    assert f"  {'arrival of all, s':<{NAME_CHARS}} 25\n" in capsys.readouterr().out
     assert (tmp_path / "report.html").is_file()
     assert report.run(parsed(str(tmp_path), "--json")) == 0
     figures = json.loads(capsys.readouterr().out)
@@ -100,7 +101,7 @@ def test_it_judges_the_flight_again(
     assert report.run(parsed(str(tmp_path))) == code
     shown = capsys.readouterr()
     assert shown.out.endswith(f"\n{verdict}\n")
-    assert f"  ended                          {ended}\n" in shown.out
+    assert f"  {'ended':<{NAME_CHARS}} {ended}\n" in shown.out
     assert shown.err == ""
     assert report.run(parsed(str(tmp_path), "--json")) == code
     figures = json.loads(capsys.readouterr().out)

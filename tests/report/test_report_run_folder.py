@@ -173,6 +173,6 @@ def test_a_report_of_another_missions_recording_is_refused(tmp_path: Path) -> No
     mission = Mission.model_validate({"schema": 1, "route": route})
     save(a_recording(), tmp_path)
     (tmp_path / "mission.toml").write_text(dump_mission(mission))
-    args = argparse.Namespace(folder=tmp_path, json=True)
+    args = argparse.Namespace(folder=tmp_path, json=True, against=None)
     with pytest.raises(RunFolderError, match=r"mission\.toml: swarm\.size = 8: must be 3, as many vehicles as"):
         report.run(args)

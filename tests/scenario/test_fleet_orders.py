@@ -250,6 +250,17 @@ def test_start_hands_back_to_its_companion_only_the_vehicle_that_it_names() -> N
     swarm.run(1.0)
     assert swarm.aircraft[2].state is FlightState.RELEASED
     swarm.aircraft[2].mode = FlightMode.HOLD
+    assert not any("handed back" in text for text in swarm.aircraft[2].said)
     swarm.order(2, Order.START)
     swarm.run(2.0)
     assert swarm.aircraft[2].mode is FlightMode.OFFBOARD
+    assert [text for text in swarm.aircraft[2].said if "handed back" in text] == ["handed back: companion steers again"]
+
+
+def test_a_start_to_a_vehicle_that_has_landed_is_refused_in_words() -> None:
+    swarm = fleet(2)
+    swarm.order(1, Order.ABORT)
+    swarm.until("LANDED", limit_s=40.0)
+    swarm.order(2, Order.START)
+    swarm.run(0.5)
+    assert swarm.aircraft[2].said[-1] == "not handed back: landed, restart companion"

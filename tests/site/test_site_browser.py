@@ -197,6 +197,23 @@ def test_diagrams_are_drawn(browser: Browser, base: str) -> None:
     assert browser.console() == []
 
 
+@pytest.mark.skipif(browser_kit.WHY_NOT_AXE is not None, reason=str(browser_kit.WHY_NOT_AXE))
+@pytest.mark.parametrize("dark", [False, True])
+def test_pages_have_no_barriers(browser: Browser, base: str, dark: bool) -> None:
+    browser.dark(dark)
+    try:
+        for path in (
+            "fly/?size=2&density_per_ha=0",
+            "",
+            "docs/how-to/fly-in-the-browser/",
+            "docs/reference/flight-states/",
+        ):
+            open_page(browser, base + path, FLIES if path.startswith("fly") else "document.readyState === 'complete'")
+            assert browser.barriers() == [], path
+    finally:
+        browser.dark(False)
+
+
 def test_no_page_names_anything_elsewhere_to_load() -> None:
     loads = re.compile(
         r"<(?:script|link|img|iframe|source|video|audio)\b[^>]*?\b(?:src|href)=[\"']?(https?:[^\s\"'>]+)"

@@ -6,6 +6,7 @@ const button = form.querySelector("button");
 const sliders = [...form.querySelectorAll("input")];
 const worker = new Worker("worker.js", { type: "module" });
 const PLACES = 2; // of a speed
+const STAGE = ".stage { height: clamp(320px, 62vw, 620px); }"; // by width: the frame is as high as what is in it
 let flying = null; // the settings of the flight that is shown
 let began = 0;
 
@@ -98,7 +99,10 @@ addEventListener("message", ({ origin, source, data, ports }) => {
 
 // As high as what is in it: one page that scrolls, not two.
 frame.addEventListener("load", () => {
-  const { body } = frame.contentDocument;
+  const { body, head } = frame.contentDocument;
+  const style = head.ownerDocument.createElement("style");
+  style.textContent = STAGE;
+  head.append(style);
   new ResizeObserver(() => {
     frame.style.height = `${body.scrollHeight + 2}px`;
   }).observe(body);

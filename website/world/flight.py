@@ -8,15 +8,13 @@ from typing import Final
 from companion.core.model.states import SwarmPhase
 from companion.mavlink import dialect
 from companion.mavlink.beacon import Reader
-from mission.common.frames import LocalFrame, Vec3
 from mission.document.model import Mission
 from mission.stand.stand import stand_of
 from sim_bridge.drive.lockstep.lockstep import InProcess, Lockstep
 from sim_bridge.drive.operator import Operator, operator_order
 from sim_bridge.judge.recording import Trace
 from sim_bridge.judge.tick import Tick
-from sim_bridge.world.airframe.base import Airframe
-from sim_bridge.world.airframe.point_mass import PointMass
+from sim_bridge.world.airframe.point_mass import point_mass_airframes
 from sim_bridge.world.autopilot import Link, StreamProfile
 from sim_bridge.world.world import World
 
@@ -25,21 +23,16 @@ BEACONS_REMEMBERED: Final = 1024  # as fly's
 TIME_LIMIT_S: Final = 400.0  # of a flight of 130 m
 
 
-def point_mass(_frame: LocalFrame, pos_ned_m: Vec3, _seed: int) -> Airframe:
-    """On the ground at `pos_ned_m`."""
-    return PointMass(pos_ned_m, 0.0, ground_down_m=pos_ned_m[2])
-
-
 class PageFlight:
     """One flight, from the ground to the end of its coverage. `tick` until `ended` says why it is over.
 
-    Its ticks are those of `sim_bridge.drive.fly.fly(..., in_process=True)` of the same mission with `point_mass`.
+    Its ticks are those of `sim-bridge fly --airframe point-mass`.
     """
 
     def __init__(self, mission: Mission) -> None:
         self.mission = mission
         self.stand: Final = stand_of(mission)
-        self.world: Final = World(mission, point_mass, links=LINKS, stand=self.stand)
+        self.world: Final = World(mission, point_mass_airframes(mission), links=LINKS, stand=self.stand)
         beacons = Reader(self.world.frame, remembers=BEACONS_REMEMBERED)
         companions = [InProcess(mission, k, beacons=beacons) for k in self.world.vehicles]
         self._lockstep: Final = Lockstep(self.world, companions)

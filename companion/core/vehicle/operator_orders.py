@@ -11,9 +11,19 @@ from typing import Final
 
 from companion.core.model.actions import Say
 from companion.core.model.beacon import Beacon
-from companion.core.model.states import Order, Severity
+from companion.core.model.states import FlightState, Order, Severity
 
 SAID: Final = {Order.LAND: "swarm lands: ordered by the operator", Order.ABORT: "land all: ordered by the operator"}
+
+
+def answer_hand_back(state: FlightState, *, airborne: bool) -> list[Say]:
+    """Text about a vehicle in `state` that an operator hands back to its companion; none where it has it already."""
+    if state is FlightState.RELEASED:
+        text = "handed back: companion steers again" if airborne else "handed back: waiting on the ground"
+        return [Say(Severity.NOTICE, text)]
+    if state is FlightState.LANDED:
+        return [Say(Severity.WARNING, "not handed back: landed, restart companion")]
+    return []
 
 
 class OperatorOrders:

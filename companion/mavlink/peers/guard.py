@@ -151,21 +151,24 @@ class SignedGuard:
     # --- in ---
 
     def passes(self, frame: bytes, now_s: float) -> bool:
-        refusal = self._refusal(frame, frame[5], now_s)
-        if refusal:
-            self.refused[refusal] += 1
-        return not refusal
+        return self._is_new(frame, now_s, named=True)
 
     def take_admitted(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> None:
         self._streams[frame[5]].take_frame(frame, said, now_s, named=named)
 
     def admits(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> bool:
-        if not self.passes(frame, now_s):
+        if not self._is_new(frame, now_s, named=named):
             return False
         self.take_admitted(frame, now_s, said, named=named)
         return True
 
-    def _refusal(self, frame: bytes, sender: int, now_s: float) -> str:
+    def _is_new(self, frame: bytes, now_s: float, *, named: bool) -> bool:
+        refusal = self._refusal(frame, frame[5], now_s, named=named)
+        if refusal:
+            self.refused[refusal] += 1
+        return not refusal
+
+    def _refusal(self, frame: bytes, sender: int, now_s: float, *, named: bool) -> str:
         if not is_signed(frame):
             self._report_sender(sender, "sends unsigned frames: ignored", now_s)
             return "unsigned"
@@ -174,7 +177,7 @@ class SignedGuard:
         stream = self._streams.get(sender)
         if stream is None:
             return "not met"
-        return stream.refusal(frame, self._session, sender, now_s)
+        return stream.refusal(frame, self._session, sender, now_s, named=named)
 
     def take_proof(self, frame: bytes, now_s: float) -> bool:
         if not manifests.is_manifest(frame):

@@ -54,7 +54,7 @@ class Stream:
         "_disputed_until_s",
         "_heard",
         "_keys",
-        "_mark",
+        "_marks",
         "_offset_s",
         "_offset_seen_s",
         "_proven_s",
@@ -71,7 +71,8 @@ class Stream:
         self.heard_s = now_s  # its last frame that was taken
         self.vouched = -1  # `last` of its newest manifest
         self.waiting: Waiting | None = None  # the last manifest that told nothing new
-        self._mark = mark
+        # Of frames that manifests name, and of others: whoever makes one of those in its name silences none of these.
+        self._marks = {True: mark, False: mark}
         # Its clock less the own, by the frame that came soonest: what waits in sockets while one stalls shows less.
         self._offset_s, self._offset_seen_s = mark / UNITS_PER_S - now_s, now_s
         self._keys: dict[int, bytes] = {}  # by epoch
@@ -81,10 +82,10 @@ class Stream:
         self._word: Word | None = None  # the newest that it has vouched for,
         self._count = 0  # and the count of the lease in it
 
-    def refusal(self, frame: bytes, session: Session, sender: int, now_s: float) -> str:
+    def refusal(self, frame: bytes, session: Session, sender: int, now_s: float, *, named: bool) -> str:
         """The reason not to take this signed frame; empty: it was made by one of the swarm, in this boot, and is new.
 
-        The MAC comes first, and nothing is remembered of what it does not hold for.
+        `named`: as of `take_frame`. The MAC comes first, and nothing is remembered of what it does not hold for.
         """
         epoch = epoch_of(frame)
         key = self._keys.get(epoch) or session.stream_key(epoch, sender, self.boot)
@@ -94,7 +95,7 @@ class Stream:
             return "forged, or of another boot"
         self._keys[epoch] = key
         timestamp = timestamp_of(frame)
-        if timestamp <= self._mark:
+        if timestamp <= self._marks[named]:
             return "repeated"
         ahead_s = timestamp / UNITS_PER_S - now_s - self._offset_s
         if ahead_s > AHEAD_S + DRIFT * (now_s - self._offset_seen_s):
@@ -103,13 +104,13 @@ class Stream:
 
     def take_frame(self, frame: bytes, said: Beacon | None, now_s: float, *, named: bool) -> None:
         """A frame that nothing speaks against. `said`: of a beacon; `named`: of a message that manifests name."""
-        self._mark = timestamp_of(frame)
+        self._marks[named] = mark = timestamp_of(frame)
         self.heard_s = now_s
-        offset_s = self._mark / UNITS_PER_S - now_s
-        if offset_s >= self._offset_s - DRIFT * (now_s - self._offset_seen_s):
+        offset_s = mark / UNITS_PER_S - now_s
+        if named and offset_s >= self._offset_s - DRIFT * (now_s - self._offset_seen_s):
             self._offset_s, self._offset_seen_s = offset_s, now_s
         if named:
-            self._heard.append((self._mark, mac_of(frame), said))
+            self._heard.append((mark, mac_of(frame), said))
 
     def is_known(self, manifest: Manifest, now_s: float) -> bool:
         """A manifest whose signature may wait: the last that held is not long ago, and this one would change nothing.
@@ -134,7 +135,7 @@ class Stream:
                 self._word, self._count = word_of(said), _count_of(said)
         else:
             # What was taken may be the other's: go on from what the sender itself says that it has sent.
-            self._mark = last
+            self._marks[True] = last
             self._offset_s, self._offset_seen_s = last / UNITS_PER_S - now_s, now_s
             self._proven_s = -math.inf
             self._disputed_until_s = now_s + DISPUTED_S

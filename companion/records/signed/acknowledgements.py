@@ -11,6 +11,7 @@ from companion.records.record import LogKey
 from companion.records.signed.messages import BaseVector
 
 LATE_S: Final = 4.0  # who knows less than was known here so long ago does not hear the base station itself
+GENUINE_MAX: Final = 64  # messages of the base station: of ten seconds, and more
 AGAIN_S: Final = 3.0  # and what is sent to it comes at most so often
 
 
@@ -19,6 +20,7 @@ class Acknowledgements:
 
     def __init__(self) -> None:
         self._words: dict[LogKey, bytes] = {}
+        self._genuine: dict[bytes, None] = {}  # the last that were checked
         self._passed_on_s: dict[LogKey, float] = {}  # by a vehicle, this or another
         self._acked: dict[LogKey, deque[tuple[float, int]]] = {}  # of the last LATE_S: when, up to which number
 
@@ -29,9 +31,16 @@ class Acknowledgements:
         """The newest of this log."""
         self._words[key] = base.payload
 
+    def note_genuine(self, base: BaseVector) -> None:
+        """The base station has told this."""
+        self._genuine[base.payload] = None
+        if len(self._genuine) > GENUINE_MAX:
+            del self._genuine[next(iter(self._genuine))]
+
     def note_passed_on(self, base: BaseVector, now_s: float) -> None:
-        """A vehicle has sent this; it counts where it is what this one would send."""
-        self._passed_on_s.update((key, now_s) for key, payload in self._words.items() if payload == base.payload)
+        """A vehicle has sent this: no need to send of the same logs now, if it is known to be genuine."""
+        if base.payload in self._genuine:
+            self._passed_on_s.update((entry.key, now_s) for entry in base.vector.entries if entry.key in self._words)
 
     def clear(self) -> None:
         """They are of another file."""

@@ -142,6 +142,7 @@ class SignedExchange(RecordExchange):
             return
         if not self._intake.proves_base(base, sender, now_s):
             return
+        self._words.note_genuine(base)
         if vector.base_epoch > self._epoch:
             self._words.clear()
         self._note_epoch(vector)

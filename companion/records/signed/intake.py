@@ -10,8 +10,10 @@ from companion.records.record import Record
 from companion.records.signed.keys import RecordKeys
 from companion.records.signed.messages import BaseVector
 
-CHECKS_MAX: Final = 32  # signatures in the name of one sender that are checked in CHECKS_S: it sends 20 records at most
-CHECKS_S: Final = 1.0
+CHECKS_HZ: Final = 64.0  # signatures in the name of one sender that are checked: it sends 20 records a second at most,
+ALL_CHECKS_HZ: Final = 400.0  # and in all names: 5 % of a core
+BURST_S: Final = 0.25  # for which they are saved
+ALL: Final = 0  # no sender's id
 FORGED: Final = "forged"
 NOT_CHECKED: Final = "of a flood"
 
@@ -24,7 +26,7 @@ class Intake:
         self._keys = keys
         self._dropped = dropped
         self._lines = lines
-        self._checks: dict[int, tuple[float, int]] = {}  # by sender: since when, how many
+        self._checks: dict[int, tuple[float, float]] = {}  # by sender: when, and how many could be checked then
         self._told: set[str] = set()
         dropped.update({FORGED: 0, NOT_CHECKED: 0})
 
@@ -55,13 +57,16 @@ class Intake:
         self._report_once(f"records: vehicle {record.vehicle_id} gave a number twice")
 
     def _may_check(self, sender: int, now_s: float) -> bool:
-        since_s, count = self._checks.get(sender, (-math.inf, 0))
-        if now_s - since_s >= CHECKS_S:
-            since_s, count = now_s, 0
-        self._checks[sender] = (since_s, count + 1)
-        if count >= CHECKS_MAX:
+        """There is time for it. A flood in one name leaves as many of that name as it is more than CHECKS_HZ."""
+        kept = {}
+        for who, rate_hz in ((sender, CHECKS_HZ), (ALL, ALL_CHECKS_HZ)):
+            at_s, left = self._checks.get(who, (-math.inf, 0.0))
+            kept[who] = (now_s, min(rate_hz * BURST_S, left + rate_hz * max(0.0, now_s - at_s)))
+        may = all(left >= 1.0 for _, left in kept.values())
+        if not may:
             self._dropped[NOT_CHECKED] += 1
-        return count < CHECKS_MAX
+        self._checks.update({who: (at_s, left - may) for who, (at_s, left) in kept.items()})
+        return may
 
     def _note_forged(self, line: str) -> None:
         self._dropped[FORGED] += 1

@@ -63,7 +63,7 @@ class ExternalFlight:
         self.mission = mission
         self._keeps_black_box = black_box
         self._map = map_
-        self.recorder = Recorder()
+        self.recorder = Recorder(folder)
         self._errors = EstimateErrors()
         self.over = False  # what follows is not a part of the record
         self.stand = stand = stand_of(mission, folder)

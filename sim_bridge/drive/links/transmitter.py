@@ -7,9 +7,6 @@ records go on the air frame by frame, after the beacons.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Final
-
 from companion.core.model.beacon import RelativeReport
 from companion.mavlink.beacon import COMPONENT, WireBeacon, beacons
 from companion.mavlink.framing.frames import source
@@ -20,13 +17,6 @@ from companion.records.frames import is_record_frame, read_record, read_vector
 from companion.records.signed.messages import read_base_vector, read_signed_record
 from sim_bridge.drive.links.insider import Insiders
 from sim_bridge.world.radio import Radio
-
-RECORD_READERS: Final[tuple[Callable[[bytes], Any], ...]] = (
-    read_record,
-    read_vector,
-    read_signed_record,
-    read_base_vector,
-)
 
 
 class Transmitter:
@@ -102,7 +92,7 @@ class _Found:
     def take_frame(self, frame: bytes) -> bool:
         """True: a valid frame of one of these."""
         if is_record_frame(frame):
-            is_valid = any(read(frame) is not None for read in RECORD_READERS)
+            is_valid = _is_record(frame)
             if is_valid:
                 self.records.append(frame)
             return is_valid
@@ -116,3 +106,10 @@ class _Found:
         if word is not None:
             self.words.append((frame, word))
         return word is not None
+
+
+def _is_record(frame: bytes) -> bool:
+    """A valid frame of records: one, or what somebody has."""
+    if read_record(frame) is not None or read_signed_record(frame) is not None:
+        return True
+    return read_vector(frame) is not None or read_base_vector(frame) is not None

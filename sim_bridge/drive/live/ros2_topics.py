@@ -19,8 +19,8 @@ from sim_bridge.judge.export.ros2.log import Ros2Log
 from sim_bridge.judge.export.ros2.messages import SCAN, Stamped, VehicleMessages, namespace, stamp
 from sim_bridge.judge.observer import Observer
 from sim_bridge.judge.tick import Tick
-from sim_bridge.world.sensors.installed import ModelSensor
 from sim_bridge.world.sensors.lidar import Scan
+from sim_bridge.world.sensors.simulated import ModelSensor
 from sim_bridge.world.world import World
 
 CLOCK: Final = "rosgraph_msgs/msg/Clock"

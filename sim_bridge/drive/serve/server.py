@@ -307,12 +307,19 @@ class Server:
 def _radios(world: World) -> tuple[tuple[int, ...], Radio, Callable[[], dict[int, Vec3]]]:
     """Ids of the radios, what is between them, and where they are: the operator's, too; of a survey the base station's.
 
-    `companion order` and `companion base` speak as those, as companions do. The operator stands beside vehicle 1's
-    start, heard and hearing as far as any.
+    `companion order` and `companion base` speak as those, as companions do. The operator walks with the swarm: orders
+    can be practised wherever it is, and go on from vehicle to vehicle.
     """
     world.radio.set_range(OPERATOR_ID, math.inf)
-    places = {OPERATOR_ID: world.positions()[1]}
+    places: dict[int, Vec3] = {}
     if world.mission.survey is not None:
         places[BASE_ID] = base_place(world.mission, world.stand)
         world.radio.set_range(BASE_ID, world.mission.radio.full_range_m)
-    return (*world.vehicles, *places), world.radio, lambda: {**world.positions(), **places}
+
+    def positions() -> dict[int, Vec3]:
+        vehicles = world.positions()
+        north_m, east_m = (sum(at[axis] for at in vehicles.values()) / len(vehicles) for axis in (0, 1))
+        nearest = min(vehicles.values(), key=lambda at: math.hypot(at[0] - north_m, at[1] - east_m))
+        return {**vehicles, **places, OPERATOR_ID: nearest}
+
+    return (*world.vehicles, OPERATOR_ID, *places), world.radio, positions

@@ -36,6 +36,7 @@ ABOUT: Final[dict[str, About]] = {
     "limits[].allowed": About("text", "", "What the mission allows; empty: it sets no limit."),
     "limits[].kept": About("boolean or null", "", "Whether it was kept; null: no limit."),
     "figures": About("object", "", "The [figures](metrics.md) by name."),
+    "figures_named": About("array", "", "The same by the names that people see, with units; shares are percent."),
     "mission.places[].name": About("text", "", "d1, stop 1 ..., d2."),
     "mission.places[].enu_m": About("3 numbers", "m", "Where it is."),
     "mission.coverage.shape": About("text", "", "ring or sphere."),

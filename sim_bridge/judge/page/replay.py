@@ -38,6 +38,7 @@ from sim_bridge.judge.page.by_vehicle import vehicle_rows
 from sim_bridge.judge.page.coding import Series, column, steps, toggles
 from sim_bridge.judge.page.events import events
 from sim_bridge.judge.page.limits import limits
+from sim_bridge.judge.page.names import named
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.run_folder import STAND_REPORT, load_beacons_lost
 from sim_bridge.trunk_attenuation import range_share
@@ -95,7 +96,8 @@ def replay(
         **head(mission, stand, title),
         "verdict": {"text": verdict.text, "succeeded": verdict.succeeded},
         "limits": [limit.as_dict() for limit in limits(metrics, mission)],
-        "figures": {name: value for name, value in figures.items() if name != "verdict"},
+        "figures": (listed := {name: value for name, value in figures.items() if name != "verdict"}),
+        "figures_named": [list(pair) for pair in named(listed)],
         **body(shown, mission, pairs, lambda2, reported),
         "events": [event.as_dict() for event in happened],
         **({"stand_report": STAND_REPORT} if (folder / STAND_REPORT).is_file() else {}),

@@ -21,6 +21,7 @@ from mission.document.model import Mission
 from sim_bridge.drive.entrant.law import find_law
 from sim_bridge.drive.entrant.stages import Entrant
 from sim_bridge.judge.progress import Progress as Signs
+from sim_bridge.judge.progress import describe_pace
 from sim_bridge.judge.verdict import Grade
 from sim_bridge.lab.search import summary
 from sim_bridge.lab.search.attackers import ATTACKED_SHARE
@@ -77,9 +78,9 @@ def _campaign(args: argparse.Namespace, entrant: Entrant, folder: Path, errors: 
         total = args.flights if args.flights or args.hours else 20
 
         def progress() -> str:
-            rate = done / max(time.monotonic() - began_s, 1e-9)
-            left = f", {(total - len(found)) / rate / 60.0:.0f} min to go" if total and rate else ""
-            return f"search: {len(found)} flights, {60.0 * rate:.1f} a minute{left}"
+            elapsed_s = time.monotonic() - began_s
+            share = done / (total - len(found) + done) if total else elapsed_s / (3600.0 * args.hours)
+            return f"search: {len(found)} flights{describe_pace(done, min(share, 1.0), elapsed_s)}"
 
         stack.enter_context(plain.working(progress))
 

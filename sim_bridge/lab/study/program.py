@@ -6,6 +6,7 @@ import argparse
 import json
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -13,11 +14,12 @@ from types import FrameType
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 
 from mission.document.model import Estimates
 from sim_bridge.judge.page import show
 from sim_bridge.judge.progress import Progress as Signs
+from sim_bridge.judge.progress import describe_pace
 from sim_bridge.lab.study import engine, replays, spec
 from sim_bridge.lab.study.case import Case, LoadedStudy
 from sim_bridge.lab.study.jobs import Done, fly_batch, worker_count
@@ -115,21 +117,26 @@ def fly(
             costs = stack.enter_context((folder / COSTS).open("a", encoding="utf-8"))
             bar = stack.enter_context(_bar(console))
             name = study.study.name or "study"
-            task = bar.add_task(name, total=sum(map(engine.cost, study.cases)), flights=len(todo))
+            task = bar.add_task(name, total=sum(map(engine.cost, study.cases)), flights=len(todo), pace="")
             bar.advance(task, sum(engine.cost(case) for case in study.cases) - sum(map(engine.cost, todo)))
-            left = len(todo)
+            left, costs_left = len(todo), sum(map(engine.cost, todo))
+            all_costs, began_s = costs_left, time.monotonic()
+
+            def pace() -> str:
+                return describe_pace(len(todo) - left, 1.0 - costs_left / all_costs, time.monotonic() - began_s)
 
             plain = Signs(console.file)
             if not console.is_terminal:  # where the bar is not drawn
-                stack.enter_context(plain.working(lambda: f"{name}: {left} of {len(todo)} flights to go"))
+                stack.enter_context(plain.working(lambda: f"{name}: {left} of {len(todo)} flights to go{pace()}"))
 
             def noted(case: Case, row: engine.Row, cpu_s: float) -> None:
-                nonlocal left
+                nonlocal left, costs_left
                 left -= 1
+                costs_left -= engine.cost(case)
                 cost = {key: row.get(key) for key in ("key", "run", "n", "sim_time_s")} | {"cpu_s": round(cpu_s, 4)}
                 costs.write(json.dumps(cost) + "\n")
                 costs.flush()
-                bar.update(task, advance=engine.cost(case), flights=left)
+                bar.update(task, advance=engine.cost(case), flights=left, pace=pace())
 
             engine.run(study.cases, rows, flies, noted)
         return [rows.rows[case.key] for case in study.cases]
@@ -159,9 +166,7 @@ def _bar(console: Console) -> Progress:
         SpinnerColumn(),  # a sign of life during a long flight
         TextColumn("{task.description}"),
         BarColumn(),
-        TextColumn("{task.percentage:3.0f} %  {task.fields[flights]} flights and"),
-        TimeRemainingColumn(),
-        TextColumn("to go"),
+        TextColumn("{task.percentage:3.0f} %  {task.fields[flights]} flights to go{task.fields[pace]}"),
         console=console,
         transient=True,
     )

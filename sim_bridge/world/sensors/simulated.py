@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any, Final
 
+from mission.common.entry_points import TITLE_MAX_CHARS
+from mission.common.exit_codes import EXIT_BAD_FILE
 from mission.common.frames import Vec3
+from mission.common.problems import printable
+from sim_bridge.errors import StartError
 from sim_bridge.world.airframe.state import AirframeState
 
 
@@ -31,3 +36,28 @@ class SimulatedSensor(ABC):
 
         `state`: the vehicle's; `positions_ned_m`: of all vehicles by id.
         """
+
+
+class ModelSensor(SimulatedSensor):
+    """A model of an installed package, or of whoever is no part of the world, as the world drives its own sensors."""
+
+    def __init__(self, name: str, title: str, model: Any, *, by_autopilot: bool = False) -> None:
+        """`title`: of its errors."""
+        super().__init__(name, by_autopilot=by_autopilot, is_optical=bool(getattr(model, "is_optical", False)))
+        self._title: Final = title
+        self._frames: Final[Callable[..., object]] = model.frames
+
+    def frames(self, vehicle_id: int, state: AirframeState, positions_ned_m: Mapping[int, Vec3], now_s: float) -> bytes:
+        """As the model has it. StartError for an exception of its own, and for what are no bytes."""
+        try:
+            data = self._frames(vehicle_id, state, positions_ned_m, now_s)
+        except Exception as error:
+            raise refuse_sensor(f"{self._title}: frames: {type(error).__name__}: {error}") from error
+        if not isinstance(data, bytes):
+            raise refuse_sensor(f"{self._title}: frames returned {data!r}: must be bytes")
+        return data
+
+
+def refuse_sensor(text: str) -> StartError:
+    """The error that ends the program for a sensor that cannot be simulated."""
+    return StartError(f"sensor {printable(text, TITLE_MAX_CHARS)}", EXIT_BAD_FILE)

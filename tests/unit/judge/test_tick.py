@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from companion.core.model.states import SwarmPhase
-from sim_bridge.judge.recording import Recorder, Trace
+from sim_bridge.judge import recording
+from sim_bridge.judge.recording import Recorder, Trace, assembled
 from tests.unit.judge.tick_kit import a_tick
 
 SPEED: Any = ((0.0, 0.0, 0.1),) * 3
@@ -40,11 +43,11 @@ def test_a_swarm_that_has_said_nothing_assembles() -> None:
 def test_a_row_holds_what_each_vehicle_said_last_or_that_it_has_said_nothing() -> None:
     recorder = Recorder()
     recorder.add(a_tick(1.0, said={2: said(SwarmPhase.TRANSIT, acting=2, leader=2)}, said_s={2: 0.95}, answered=(1, 2)))
-    recording = recorder.recording()
-    assert recording.phase.tolist() == [[-1, SwarmPhase.TRANSIT, -1]]
-    assert recording.leader.tolist() == [[0, 2, 0]]
-    assert recording.acting.tolist() == [[False, True, False]]
-    assert recording.agent_alive.tolist() == [[True, True, False]]
+    found = recorder.recording()
+    assert found.phase.tolist() == [[-1, SwarmPhase.TRANSIT, -1]]
+    assert found.leader.tolist() == [[0, 2, 0]]
+    assert found.acting.tolist() == [[False, True, False]]
+    assert found.agent_alive.tolist() == [[True, True, False]]
 
 
 def test_a_claim_of_a_companion_that_did_not_answer_since_is_no_claim_until_it_speaks_again() -> None:
@@ -55,6 +58,40 @@ def test_a_claim_of_a_companion_that_did_not_answer_since_is_no_claim_until_it_s
     recorder.add(a_tick(3.0, said=claim, said_s={2: 0.95}))
     recorder.add(a_tick(4.0, said=claim, said_s={2: 3.95}))
     assert recorder.recording().acting[:, 1].tolist() == [True, False, False, True]
+
+
+@pytest.mark.sources  # its constant is compiled into what is
+@pytest.mark.parametrize("where", ["disk", "memory", "full disk"])
+def test_a_long_recording_is_kept_as_it_was_and_only_its_last_ticks_as_rows(
+    where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recording, "KEPT_TICKS", 4)
+    saved = np.save
+    full = where == "full disk"
+
+    def save(file: Any, array: Any, **options: Any) -> None:
+        saved(file, array, **options)
+        if full and array.dtype == np.int8:
+            raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "save", save)
+    recorder = Recorder(None if where == "memory" else tmp_path)
+    ticks = [a_tick(time_s, pos_ned_m=((time_s, 0.0, 0.0),) * 3) for time_s in range(1, 15)]
+    for k, tick in enumerate(ticks):
+        full &= k < 9  # then there is space again
+        recorder.add(tick)
+        assert recorder.last == recorder.row(tick)
+        assert len(recorder._rows) < 4
+        assert len(recorder._arrays) == {"disk": 0, "memory": (k + 1) // 4, "full disk": (k + 1) // 4 % 3}[where]
+    assert recorder.recording().time_s.tolist() == list(range(1, 15))
+    recorder.add(ticks[-1])
+    assert recorder.recording().time_s.tolist() == [*range(1, 15), 14]
+    whole = assembled([recorder.row(tick) for tick in (*ticks, ticks[-1])])
+    for name in recording.COLUMNS:
+        found, wanted = getattr(recorder.recording(), name), getattr(whole, name)
+        assert found.dtype == wanted.dtype
+        assert found.tolist() == wanted.tolist()
+    assert list(tmp_path.iterdir()) == []  # the file has no name
 
 
 def digest(**changes: Any) -> str:

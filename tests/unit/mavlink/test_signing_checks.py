@@ -85,3 +85,12 @@ def test_forged_frame_is_disputed_though_a_forged_manifest_had_named_it() -> Non
         now_s = exchange([one, two], now_s, 1)
     assert two.texts == ["somebody speaks as vehicle 1: it only slows"]
     assert now_s - began_s <= 2.0
+
+
+def test_unnamed_frames_in_anothers_name_silence_none_of_its_beacons() -> None:
+    """Records are not in manifests: a member could make one that is ahead, and all that the owner says would be old."""
+    (one, two), now_s = met(1, 2)
+    assert two.guard.admits(forged(1, 1001, now_s + 2.5), now_s, named=False)
+    exchange([one, two], now_s, 5)
+    assert two.heard == [(1, True)] * 5
+    assert not two.guard.admits(forged(1, 1001, now_s + 2.5), now_s, named=False)  # again

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,6 @@ from sim_bridge.judge.export.ros2.messages import SCAN, VehicleMessages
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.sensors.lidar import Scan
 from sim_bridge.world.sensors.scan import SECTORS
-from sim_bridge.world.sensors.simulated import SimulatedSensor
 
 TYPES = get_typestore(Stores.ROS2_JAZZY).types
 FRAME = "vehicle_1/base_link"
@@ -69,17 +69,14 @@ def test_a_simulated_scan_goes_out_and_comes_back_the_same() -> None:
     told = tuple(np.round(rng.uniform(0.3, 8.0, SECTORS), 2).tolist())
     sent = Scan(9.9, told, 0.2, 8.0)
 
-    class Ours(SimulatedSensor):
-        def frames(self, vehicle_id: int, *_rest: Any) -> bytes:
-            return bytes([vehicle_id])
-
-    model = ForeignScans(Ours("obstacles"), {1: lambda _now_s: sent})
+    ours: Any = SimpleNamespace(frames=lambda vehicle_id, *_rest: bytes([vehicle_id]))
+    model = ForeignScans(ours, {1: lambda _now_s: sent})
     reading = decoded(wire.decode(model.frames(1, STILL, {}, 10.0)), 0, 10.0)
     assert reading is not None
     message = VehicleMessages(1, 0, TYPES).scan(10.0, laser_sweep(reading, 0.0)).body
     assert read(message).ranges_m == pytest.approx(told, abs=1e-5)
     assert model.frames(2, STILL, {}, 10.0) == b"\2"
-    assert ForeignScans(Ours("obstacles"), {1: lambda _now_s: None}).frames(1, STILL, {}, 10.0) == b""
+    assert ForeignScans(ours, {1: lambda _now_s: None}).frames(1, STILL, {}, 10.0) == b""
 
 
 def test_a_stamp_is_believed_where_it_can_be() -> None:

@@ -9,6 +9,8 @@ import pytest
 from companion.mavlink import dialect as mav
 from companion.mavlink.beacon import COMPONENT
 from companion.mavlink.framing import wire
+from companion.mavlink.orders.order import OrderKind
+from companion.mavlink.peers.session import OPERATOR_ID
 from companion.records.frames import RECORD_ID, VECTOR_ID, encode_record, encode_vector
 from companion.records.record import BASE_ID, Record, RecordKind, Vector
 from mission.document.model import Mission
@@ -18,6 +20,7 @@ from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.autopilot import PROFILES
 from sim_bridge.world.world import World
 from tests.unit.drive.serve.server_kit import HERE, THERE, Peer, beacon, frame, heartbeat, ignore, turn
+from tests.unit.mavlink import orders_kit
 
 
 class TestRadio:
@@ -51,6 +54,25 @@ class TestRadio:
         sender.send(beacon(1))
         turn(made)
         assert (near.datagrams(), far.datagrams()) == ([beacon(1)], [])
+        made.close()
+
+    def test_the_operator_walks_with_the_swarm_and_orders_go_to_who_is_near(
+        self, mission: Mission, ports: Ports, join: Callable[[str], Peer]
+    ) -> None:
+        apart = iter([(0.0, 0.0, 0.0), (100.0, 0.0, 0.0), (110.0, 0.0, 0.0)])
+        world = World(mission, lambda _frame, _place, _seed: PointMass(next(apart), 0.0), links=PROFILES)
+        made = Server(world, ports, say=ignore)
+        vehicles = [join("radio") for _ in range(3)]
+        for vehicle, peer in enumerate(vehicles, 1):
+            peer.send(beacon(vehicle))
+        operator = join("radio")
+        turn(made)
+        for peer in vehicles:
+            peer.datagrams()
+        order = orders_kit.frame(orders_kit.order(OrderKind.ABORT, 5), OPERATOR_ID)
+        operator.send(order)
+        turn(made)
+        assert [peer.datagrams() for peer in vehicles] == [[], [order], [order]]
         made.close()
 
     def test_beacons_from_before_a_companion_spoke_are_lost(self, served: Server, join: Callable[[str], Peer]) -> None:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import mission
 from mission.common.problems import MissionError
 from mission.document.load import parse_mission
+from mission.edit import ground
 from mission.edit.beginning import begin_text, bring_stems, flight_height_m, put_stems
 from mission.edit.draft import Draft, open_draft
 from mission.edit.editor import Editor
 from mission.edit.toml_text import Change
+from mission.stems.stem_map import StemMap, read_stems
 
 STEMS = Path(mission.__file__).parent / "examples" / "stems.csv"
 ON_EARTH = """\
@@ -120,8 +124,38 @@ def test_trees_are_there_while_the_mission_is_not_good_yet(tmp_path: Path) -> No
     assert "no such file" in editor.describe()["no_stand"]
 
 
+@pytest.mark.parametrize("text", [ON_EARTH.replace("lat,lon", "north_m,east_m"), "east_m,north_m\n1,2\n"])
+def test_a_map_is_read_once_however_often_the_mission_is_changed(
+    text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """20,000 trees take seconds."""
+    (tmp_path / "stand.csv").write_text(text)
+    counted = []
+
+    def read(path: Path, **options: Any) -> StemMap:
+        counted.append(path)
+        return read_stems(path, **options)
+
+    monkeypatch.setattr(ground, "read_stems", read)
+    route = "[route]\nd1_enu_m = [-60.0, 0.0, 5.0]\nd2_enu_m = [90.0, 0.0, 5.0]\nvel_leader_mps = 2.0\n"
+    editor = Editor(Draft(tmp_path / "new.toml", f'schema = 1\n{route}[forest]\nfile = "stand.csv"\n', None))
+    states = []
+    for size in (3, 4, 5):
+        editor.change([Change(do="set", path=("swarm", "size"), value=size)])
+        states.append(editor.describe()["problems"])
+    assert (len(counted), states[0] == states[2]) == (1, True)
+    (tmp_path / "stand.csv").write_text(text + "7,7,30,20,9\n")
+    editor.look_again()
+    editor.describe()
+    assert len(counted) == 2
+
+
 def test_a_generated_stand_stays_while_the_mission_is_not_good() -> None:
     editor = Editor(open_draft(STEMS.with_name("natural_stand.toml")))
+    editor.change([Change(do="set", path=("forest", "grade"), value=[0.05, 0.0])])  # d2 is below ground then
+    assert editor.describe()["problems"]
+    assert json.loads(editor.ground.data)["grade"] == [0.05, 0.0]
+    editor.draft.undo()
     number = editor.describe()["stand"]
     assert len(editor.ground.data) > 10_000
     editor.change([Change(do="set", path=("route", "vel_leader_mps"), value=99)])

@@ -3,7 +3,8 @@ import { el } from "./dom.js";
 
 export function shown(value) {
   if (value === null || value === undefined) return "–";
-  if (Array.isArray(value)) return value.length ? value.join(", ") : "none";
+  if (typeof value === "boolean") return value ? "yes" : "no";
+  if (Array.isArray(value)) return value.length ? value.map(shown).join(", ") : "none";
   if (typeof value !== "number" || Number.isInteger(value)) return String(value);
   return Math.abs(value) >= 1000 ? value.toFixed(0) : String(Number(value.toPrecision(4)));
 }
@@ -31,7 +32,7 @@ function table(rows) {
 }
 
 export function details(replay) {
-  const rows = Object.entries(replay.figures).map(([name, value]) => [name, shown(value)]);
+  const rows = replay.figures.map(([name, value]) => [name, shown(value)]);
   return [
     el("details", {}, el("summary", {}, "Figures"), table(rows)),
     el("details", {}, el("summary", {}, "Mission as flown"),

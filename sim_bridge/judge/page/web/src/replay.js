@@ -66,7 +66,7 @@ export class Replay {
       seed: doc.seed,
       verdict: doc.verdict,
       limits: doc.limits,
-      figures: doc.figures,
+      figures: doc.figures_named ?? Object.entries(doc.figures), // by their keys in replays of 0.2
       mission: doc.mission,
       attenuationFactor: doc.mission.trunk_attenuation_factor ?? doc.mission.kept_per_trunk, // its name until 0.2
       missionToml: doc.mission_toml,

@@ -6,7 +6,7 @@ import { reach } from "../src/shadow.js";
 import { wrapped } from "../src/study.js";
 
 test("figures are shown with as many digits as say something", () => {
-  const pairs = [[null, "–"], [[], "none"], [[1, 2], "1, 2"], [7, "7"], [true, "true"], [0.123456, "0.1235"], [1234.56, "1235"], ["text", "text"]];
+  const pairs = [[null, "–"], [[], "none"], [[1, 2], "1, 2"], [7, "7"], [true, "yes"], [[null, 0.25], "–, 0.25"], [0.123456, "0.1235"], [1234.56, "1235"], ["text", "text"]];
   for (const [value, text] of pairs) assert.equal(shown(value), text);
   assert.equal(seconds(40), "40.0 s");
 });

@@ -37,7 +37,7 @@ export class FlightMap extends MapCanvas {
   // `shown`: name of a layer or of an option -> is it switched on
   constructor(canvas, replay, shown, picked) {
     super(canvas, FLIGHT_LAYERS, DESK, picked);
-    Object.assign(this, { replay, shown, time: replay.start });
+    Object.assign(this, { replay, shown, time: replay.start, fitted: false });
     const { fence_enu_m: fence, places, coverage } = replay.mission;
     this.plane = replay.mission.origin ? new Plane(...replay.mission.origin) : null;
     this.chart = replay.chart && this.plane ? new Chart(replay.chart, (tile) => (tile ? replay.chart.tiles[tile.join("/")] : replay.chart.image), () => this.draw()) : null;
@@ -56,6 +56,7 @@ export class FlightMap extends MapCanvas {
   }
 
   whole() {
+    this.fitted = this.replay.time.length > 0;
     const { mission, vehicles, against } = this.replay;
     const points = [];
     for (const one of [...vehicles, ...(against?.vehicles ?? [])]) for (let row = 0; row < one.east_m.length; row += ROWS) points.push([one.east_m[row], one.north_m[row]]);
@@ -67,7 +68,7 @@ export class FlightMap extends MapCanvas {
 
   kept(last) {
     const { replay } = this;
-    const view = super.kept(last);
+    const view = this.fitted || this.steered || !replay.time.length ? super.kept(last) : this.whole(); // a flight has begun
     if (!this.shown.follow || !replay.time.length) return view;
     const at = replay.at(this.time);
     const seen = replay.followed(this.selected, at);
