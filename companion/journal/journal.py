@@ -21,7 +21,7 @@ from companion.journal.channels import CHAIN_BYTES, Channel, Json, encode, seale
 CHUNK_S: Final = 0.25  # what a process that is killed loses at most
 CHUNK_BYTES: Final = 1 << 20  # raw lidars fill one sooner
 SYNC_S: Final = 1.0  # between two waits for the disk: what a power cut costs, besides the chunk
-WAITING_BYTES: Final = 4 << 20  # of chunks that the disk has not taken: 90 s of an autopilot with PX4's streams, else minutes
+WAITING_BYTES: Final = 4 << 20  # of chunks that the disk has not taken: 90 s with all of PX4's streams, else minutes
 RATE_BYTES_S: Final = 1 << 20  # ten times what a swarm with raw lidars records: a flood must not push all else out
 BURST_BYTES: Final = 16 << 20  # beyond that rate
 RETRY_S: Final = 5.0  # after the disk refused one

@@ -88,7 +88,9 @@ def test_a_signed_flight_with_orders_and_a_liar_replays_bit_for_bit(tmp_path: Pa
     assert len(flights) == 5
     for flight in flights:
         said: list[str] = []
-        replayed = replay_flight(flight, show=lambda body, _since_s, said=said: said.extend(say["text"] for say in body["said"]))
+        replayed = replay_flight(
+            flight, show=lambda body, _since_s, said=said: said.extend(say["text"] for say in body["said"])
+        )
         assert (replayed.difference, replayed.breaks, replayed.stopped) == ([], [], "")
         assert replayed.same == replayed.summary.ticks > 100
         obeyed = [text.rpartition(" ")[2] for text in said if text.startswith("order obeyed: ")]
