@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
@@ -11,7 +10,7 @@ from companion.mavlink.peers.session import Session
 from companion.records.exchange import RecordExchange
 from companion.records.record import BASE_ID
 from companion.records.signed.exchange import SignedExchange
-from companion.records.signed.keys import record_keys
+from companion.records.signed.keys import mission_hash, record_keys
 from companion.records.store import MEMORY, RecordStore, StoreError, open_store
 from companion.records.summary import StandFusion
 from companion.records.write_queue import DirectWriter, RecordWriter
@@ -84,12 +83,6 @@ def open_base(
     if said:
         exchange.note_line(f"records: {said}")
     return exchange
-
-
-def mission_hash(mission: Mission) -> int:
-    """Tells its records from another mission's: 32 bits of its name and origin."""
-    frame = f"{mission.name}\n{mission.origin}".encode()
-    return int.from_bytes(hashlib.sha256(frame).digest()[:4], "big")
 
 
 def bit_rate_kbps(mission: Mission) -> float:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import io
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 
 import cbor2
 
-from companion.mavlink.harvest import StandUpdate
 from companion.records.record import BODY_MAX
+
+if TYPE_CHECKING:  # who only reads figures needs nothing that flies
+    from companion.mavlink.harvest import StandUpdate
 
 FIELDS: Final = 10
 COUNT_MAX: Final = 10_000_000

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from companion.mavlink.peers.session import Session
 from companion.records.exchange import RecordExchange
-from companion.records.node import mission_hash, open_records
+from companion.records.node import open_records
+from companion.records.signed.keys import mission_hash
 from companion.records.store import RecordStore
 from companion.records.summary import StandFusion
 from companion.records.write_queue import DirectWriter, RecordWriter

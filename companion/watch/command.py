@@ -19,8 +19,7 @@ from companion.keys.keyring import OPERATOR, Keyring
 from companion.keys.process import harden_process
 from companion.mavlink.peers.session import BASE_ID, Session, open_session
 from companion.order.radio import open_operator
-from companion.records.node import mission_hash
-from companion.records.signed.keys import record_keys
+from companion.records.signed.keys import mission_hash, record_keys
 from companion.shell.links import LinkError
 from companion.shell.urls import HEARING_SCHEMES, parse_url
 from companion.watch.alarms import alarms

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
@@ -11,6 +12,7 @@ from companion.mavlink.peers.session import BASE_ID, Session
 from companion.records.frames import made_us_of
 from companion.records.record import Record
 from companion.records.signed.messages import RECORD_HEAD
+from mission.document.model import Mission
 
 DOMAIN: Final = b"understory record 1"  # a signature of one kind of message is none of another
 BASE_DOMAIN: Final = b"understory base vector 1"
@@ -45,6 +47,12 @@ class RecordKeys:
         body = record.body
         head = (made_us_of(record), record.log_id, record.number, record.vehicle_id, record.kind, len(body))
         return DOMAIN + self.mission_hash.to_bytes(4, "little") + RECORD_HEAD.pack(*head) + body
+
+
+def mission_hash(mission: Mission) -> int:
+    """Tells its records from another mission's: 32 bits of its name and origin."""
+    frame = f"{mission.name}\n{mission.origin}".encode()
+    return int.from_bytes(hashlib.sha256(frame).digest()[:4], "big")
 
 
 def record_keys(session: Session | None, mission_hash: int) -> RecordKeys | None:
