@@ -172,6 +172,7 @@ class Compile(build_ext):
         # First: an interrupted build leaves modules of which nobody knows what they were compiled from.
         if self.extensions:
             self._manifest(here).unlink(missing_ok=True)
+            self._remove_left_over(here)
         try:
             super().run()
         except (CCompilerError, ExecError, PlatformError) as error:
@@ -180,6 +181,14 @@ class Compile(build_ext):
             return
         if self.extensions:
             self._manifest(here).write_text(SUMS, encoding="utf-8")
+
+    def _remove_left_over(self, here: Path) -> None:
+        """Modules that an earlier checkout compiled and this one does not: Python would load them all the same."""
+        wanted = {Path(self.get_ext_filename(extension.name)) for extension in self.extensions}
+        for package in ("mission", "companion", "sim_bridge"):
+            for path in (here / package).rglob(f"*{EXTENSION_SUFFIXES[0]}"):
+                if path.relative_to(here) not in wanted:
+                    path.unlink()
 
     def get_outputs(self) -> list[str]:
         outputs = super().get_outputs()

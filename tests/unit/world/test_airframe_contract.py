@@ -112,7 +112,7 @@ def test_nothing_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
 
 def test_missing_jsbsim_is_named_with_its_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "jsbsim", None)
-    with pytest.raises(AirframeError, match=r"pip install '\.\[sim\]'"):
+    with pytest.raises(AirframeError, match=r"pip install -e '\.\[sim\]'"):
         JsbsimQuad(FRAME, STILL, 0.0)
 
 
