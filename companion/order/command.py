@@ -14,7 +14,7 @@ from companion.keys.key_file import KeyFileError
 from companion.keys.process import harden_process
 from companion.mavlink.orders.order import OrderKind
 from companion.order.ground_station import GroundStation
-from companion.order.order_file import SUFFIX, OrderFileError
+from companion.order.order_file import SUFFIX, OrderFileError, reason_of
 from companion.order.radio import OperatorRadio, drain, open_operator, open_radio_link
 from companion.order.station import OperatorStation, list_ids
 from companion.shell.floods import FloodLog
@@ -46,8 +46,11 @@ def order(arguments: argparse.Namespace) -> int:
     except _RefusedError as refusal:
         print(f"companion: {refusal}", file=sys.stderr)
         return refusal.code
-    except OSError as error:  # the order's count could not be written: it was not sent
-        print(f"companion: {arguments.key}{SUFFIX}: {error.strerror}: nothing was ordered", file=sys.stderr)
+    except OrderFileError as error:  # of a START: it was not sent
+        print(f"companion: {error}: nothing was ordered", file=sys.stderr)
+        return EXIT_BAD_FILE
+    except OSError as error:
+        print(f"companion: {arguments.key}{SUFFIX}: {reason_of(error)}: nothing was ordered", file=sys.stderr)
         return EXIT_ENVIRONMENT
 
 
@@ -58,12 +61,14 @@ def _order(arguments: argparse.Namespace, opened: ExitStack) -> int:
         operator = open_operator(arguments.key, arguments.mission, size, arguments.peers, opened)
         is_gateway = arguments.order_command == "gateway"
         ground = open_radio_link(arguments.ground_station, opened) if is_gateway else None
-    except (KeyFileError, OrderFileError) as error:
+    except KeyFileError as error:
         raise _RefusedError(EXIT_BAD_FILE, str(error)) from None
     except MissionError as error:
         raise _RefusedError(EXIT_BAD_FILE, f"the mission is refused\n{error}") from None
     except LinkError as error:
         raise _RefusedError(EXIT_ENVIRONMENT, str(error)) from None
+    if operator.trouble:
+        _warn(operator.trouble)
     station = operator.station
     with Stop() as stop:
         links = {"radio": operator.link} | ({} if ground is None else {"ground station's link": ground})
@@ -105,7 +110,8 @@ def _confirm(station: OperatorStation, size: int, yes: bool) -> None:
 def _send(radio: _Radio, kind: OrderKind, hand_back: int, for_s: float) -> int:
     """Until all that are heard act on it, or the time is up."""
     station, begun_s = radio.station, time.monotonic()
-    station.send_order(kind, begun_s, hand_back=hand_back)
+    if warning := station.send_order(kind, begun_s, hand_back=hand_back):
+        _warn(warning)
 
     def is_done(now_s: float) -> bool:
         return now_s - begun_s >= SEEN_S and bool(station.vehicles(now_s)) and not station.waits_for(now_s)
@@ -152,6 +158,10 @@ class _Radio:
         operator.hear_radio(now_s)
         operator.send_due(now_s, self._floods, _show)
         return now_s
+
+
+def _warn(line: str) -> None:
+    print(f"companion: {line}", file=sys.stderr, flush=True)
 
 
 def _show(line: str) -> None:

@@ -96,6 +96,27 @@ def test_key_of_a_vehicle_is_refused(folder: Path, port: int) -> None:
     assert "owner: is vehicle 1: must be the operator" in err
 
 
+def test_what_stops_goes_out_beside_a_bad_count_and_a_start_does_not(
+    folder: Path, port: int, vehicles: Vehicles
+) -> None:
+    count = folder / "fleet" / "operator.key.orders"
+    kept = count.read_bytes() if count.exists() else None
+    count.write_text("garbage")
+    try:
+        peers = ["--peers", f"udpin://127.0.0.1:{port}"]
+        code, out, err = run(order(folder, "abort", *peers))
+        assert (code, out) == (0, "ABORT: acting on it: 1, 2\n")
+        assert "ABORT goes out, counted by the clock alone" in err
+        code, _, err = run(order(folder, "start", "--yes", *peers))
+        assert code == 2
+        assert "is no file of an operator's orders: move it away to begin anew: nothing was ordered" in err
+    finally:
+        count.unlink()
+        if kept is not None:
+            count.write_bytes(kept)
+    assert vehicles.obeyed == {1: [Order.ABORT], 2: [Order.ABORT]}
+
+
 def test_ground_station_orders_through_the_gateway(folder: Path, port: int, vehicles: Vehicles) -> None:
     """pymavlink's mavutil, as QGroundControl or MAVProxy would."""
     station = mavutil.mavlink_connection("udpin:127.0.0.1:0", source_system=255, dialect="common")
