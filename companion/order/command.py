@@ -85,12 +85,19 @@ def _order(arguments: argparse.Namespace, opened: ExitStack) -> int:
             hand_back = arguments.hand_back
             if not 0 <= hand_back <= size:
                 raise _RefusedError(EXIT_BAD_FILE, f"--hand-back {hand_back}: the mission has the vehicles 1 to {size}")
-            _confirm(station, size, arguments.yes)
+            _refuse_stopped(stop)
+            _confirm(station, size, arguments.yes, stop)
             radio.run(0.0 if arguments.yes else SETTLE_S)
+        _refuse_stopped(stop)
         return _send(radio, kind, hand_back, arguments.for_s)
 
 
-def _confirm(station: OperatorStation, size: int, yes: bool) -> None:
+def _refuse_stopped(stop: Stop) -> None:
+    if stop.reason:
+        raise _RefusedError(EXIT_BAD_FILE, f"{stop.reason}: nothing was ordered")
+
+
+def _confirm(station: OperatorStation, size: int, yes: bool, stop: Stop) -> None:
     now_s = time.monotonic()
     heard, missing = station.vehicles(now_s), station.not_ready(now_s)
     _show(f"ready: {list_ids([k for k in heard if k not in missing]) or 'none'}")
@@ -103,7 +110,10 @@ def _confirm(station: OperatorStation, size: int, yes: bool) -> None:
     if not sys.stdin.isatty():
         raise _RefusedError(EXIT_BAD_FILE, "a start is confirmed at a terminal, or with --yes: nothing was ordered")
     without = f", without {list_ids(list(missing))}" if missing else ""
-    if input(f"Start {size - len(missing)} of {size} vehicles{without}? [y/N] ").strip().lower() not in ("y", "yes"):
+    print(f"Start {size - len(missing)} of {size} vehicles{without}? [y/N] ", end="", flush=True)
+    select.select((sys.stdin, stop.fileno()), (), ())
+    _refuse_stopped(stop)
+    if sys.stdin.readline().strip().lower() not in ("y", "yes"):  # empty: its end
         raise _RefusedError(EXIT_BAD_FILE, "not confirmed: nothing was ordered")
 
 
