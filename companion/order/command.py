@@ -14,9 +14,9 @@ from companion.keys.key_file import KeyFileError
 from companion.keys.process import harden_process
 from companion.mavlink.orders.order import OrderKind
 from companion.order.ground_station import GroundStation
-from companion.order.order_file import SUFFIX, OrderFileError, reason_of
+from companion.order.order_file import SUFFIX
 from companion.order.radio import OperatorRadio, drain, open_operator, open_radio_link
-from companion.order.station import OperatorStation, list_ids
+from companion.order.station import OperatorStation, OrderFileError, list_ids, reason_of
 from companion.shell.floods import FloodLog
 from companion.shell.links import Link, LinkError
 from companion.shell.runner import Stop

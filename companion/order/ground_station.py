@@ -18,8 +18,7 @@ from companion.mavlink.framing.frames import Framing, Incoming
 from companion.mavlink.orders.commands import order_of
 from companion.mavlink.orders.order import OrderKind
 from companion.mavlink.peers.session import OPERATOR_ID
-from companion.order.order_file import OrderFileError, reason_of
-from companion.order.station import OperatorStation, list_ids
+from companion.order.station import OperatorStation, OrderFileError, list_ids, reason_of
 
 HEARTBEAT_S: Final = 1.0
 CONFIRM_S: Final = 10.0

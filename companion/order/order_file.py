@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from companion.mavlink.orders.order import COUNTER_MAX, NO_FLIGHT, NONCE_BYTES
-from companion.order.station import Numbered
+from companion.order.station import Numbered, OrderFileError, reason_of
 from mission.common.durable_files import write_durably
 
 T = TypeVar("T")
@@ -24,15 +24,6 @@ MISSIONS_MAX: Final = 64  # whose flights are kept; the oldest go
 MISSION_BYTES: Final = 32  # of a mission file's SHA-256
 BYTES_MAX: Final = 1 << 16
 DISK_S: Final = 1.0  # that a disk may take: a card that hangs keeps no order waiting, nor the repeats of the last one
-
-
-class OrderFileError(ValueError):
-    """The file is not one of these; the message names it."""
-
-
-def reason_of(error: OSError | OrderFileError) -> str:
-    """In words, without a number."""
-    return error.strerror or "cannot be written" if isinstance(error, OSError) else str(error)
 
 
 class OperatorFile:
@@ -62,7 +53,7 @@ class OperatorFile:
         return bool(state["flights"].get(digest.hex(), NO_FLIGHT.hex()) != NO_FLIGHT.hex())
 
     def _within_time(self, use: Callable[[], T]) -> T:
-        """What a use of the disk returns. TimeoutError, which is an OSError: it takes too long, and goes on alone."""
+        """The result of `use`. TimeoutError, an OSError: the disk takes too long; `use` goes on in its thread."""
         found: list[T] = []
         errors: list[OSError | OrderFileError] = []
 

@@ -14,8 +14,8 @@ from companion.keys.keyring import OPERATOR
 from companion.keys.process import harden_process
 from companion.mavlink.peers.guard import SignedGuard
 from companion.mavlink.peers.session import OPERATOR_ID
-from companion.order.order_file import SUFFIX, OperatorFile, OrderFileError, reason_of
-from companion.order.station import OperatorStation
+from companion.order.order_file import SUFFIX, OperatorFile
+from companion.order.station import OperatorStation, OrderFileError, reason_of
 from companion.shell.floods import FloodLog
 from companion.shell.links import Link, open_link
 from companion.shell.radio_keys import mission_digest, open_radio_session

@@ -34,6 +34,15 @@ ENDED: Final = (FlightState.LANDING, FlightState.LANDED, FlightState.RELEASED)
 HELD: Final = (FlightState.HOLD, FlightState.WAITING, FlightState.READY)
 
 
+class OrderFileError(ValueError):
+    """The file is not one of these; the message names it."""
+
+
+def reason_of(error: OSError | OrderFileError) -> str:
+    """In words, without a number."""
+    return error.strerror or "cannot be written" if isinstance(error, OSError) else str(error)
+
+
 class Numbered(NamedTuple):
     """The next order's. `unsaved`: why it is not on the disk; empty: it is."""
 

@@ -10,9 +10,8 @@ from http import HTTPStatus
 from typing import Any, Final
 
 from companion.mavlink.orders.order import OrderKind
-from companion.order.order_file import OrderFileError, reason_of
 from companion.order.radio import OperatorRadio
-from companion.order.station import OperatorStation, list_ids
+from companion.order.station import OperatorStation, OrderFileError, list_ids, reason_of
 from companion.shell.floods import FloodLog
 from companion.watch.orders.desk import Answer, Asked, OrderDesk
 from companion.watch.orders.page_order import PageOrder

@@ -10,8 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega
 from companion.core.model.states import FlightState
 from companion.mavlink.orders.order import OrderKind, order_payload, read_order
 from companion.order.ground_station import CONFIRM_S, GroundStation
-from companion.order.order_file import OrderFileError
-from companion.order.station import OPERATOR_ID, Numbered
+from companion.order.station import OPERATOR_ID, Numbered, OrderFileError
 from tests.unit.mavlink.orders_kit import SIZE
 from tests.unit.order.test_station import Ground
 

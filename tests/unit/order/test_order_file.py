@@ -12,7 +12,8 @@ import pytest
 
 from companion.mavlink.orders.order import NO_FLIGHT
 from companion.order import order_file
-from companion.order.order_file import MISSIONS_MAX, OperatorFile, OrderFileError
+from companion.order.order_file import MISSIONS_MAX, OperatorFile
+from companion.order.station import OrderFileError
 
 MISSION, OTHER = b"m" * 32, b"o" * 32
 

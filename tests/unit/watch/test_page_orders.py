@@ -14,8 +14,7 @@ import pytest
 
 from companion.core.model.states import FlightState
 from companion.mavlink.orders.order import OrderKind
-from companion.order.order_file import OrderFileError
-from companion.order.station import Numbered
+from companion.order.station import Numbered, OrderFileError
 from companion.watch.orders import order_key
 from companion.watch.orders.desk import WAITING_MAX, WRONG_MAX, WRONG_S, Answer, Asked, OrderDesk
 from companion.watch.orders.order_key import NONCE_EVERY_S, NONCE_S, NONCES_MAX, OrderKey
