@@ -65,6 +65,8 @@ def _write_passphrase(arguments: argparse.Namespace) -> int:
     keyring = load_keyring(arguments.file, None)
     if keyring.owner == OPERATOR:
         raise KeyFileError(f"{_shown(arguments.file)}: owner: is the operator: must be a vehicle")
+    if os.path.lexists(arguments.out):
+        raise KeyFileError(f"{_shown(arguments.out)}: is there already: it is never overwritten")
     write_durably(Path(arguments.out), f"{link_passphrase(keyring)}\n".encode())
     print(f"wrote {_shown(arguments.out)}: the passphrase of the autopilot link of vehicle {keyring.owner}")
     return EXIT_DONE

@@ -14,9 +14,9 @@ from companion.keys.key_file import KeyFileError
 from companion.keys.process import harden_process
 from companion.mavlink.orders.order import OrderKind
 from companion.order.ground_station import GroundStation
-from companion.order.order_file import SUFFIX, OrderFileError
+from companion.order.order_file import SUFFIX
 from companion.order.radio import OperatorRadio, drain, open_operator, open_radio_link
-from companion.order.station import OperatorStation, list_ids
+from companion.order.station import OperatorStation, OrderFileError, list_ids, reason_of
 from companion.shell.floods import FloodLog
 from companion.shell.links import Link, LinkError
 from companion.shell.runner import Stop
@@ -46,8 +46,11 @@ def order(arguments: argparse.Namespace) -> int:
     except _RefusedError as refusal:
         print(f"companion: {refusal}", file=sys.stderr)
         return refusal.code
-    except OSError as error:  # the order's count could not be written: it was not sent
-        print(f"companion: {arguments.key}{SUFFIX}: {error.strerror}: nothing was ordered", file=sys.stderr)
+    except OrderFileError as error:  # of a START: it was not sent
+        print(f"companion: {error}: nothing was ordered", file=sys.stderr)
+        return EXIT_BAD_FILE
+    except OSError as error:
+        print(f"companion: {arguments.key}{SUFFIX}: {reason_of(error)}: nothing was ordered", file=sys.stderr)
         return EXIT_ENVIRONMENT
 
 
@@ -58,12 +61,14 @@ def _order(arguments: argparse.Namespace, opened: ExitStack) -> int:
         operator = open_operator(arguments.key, arguments.mission, size, arguments.peers, opened)
         is_gateway = arguments.order_command == "gateway"
         ground = open_radio_link(arguments.ground_station, opened) if is_gateway else None
-    except (KeyFileError, OrderFileError) as error:
+    except KeyFileError as error:
         raise _RefusedError(EXIT_BAD_FILE, str(error)) from None
     except MissionError as error:
         raise _RefusedError(EXIT_BAD_FILE, f"the mission is refused\n{error}") from None
     except LinkError as error:
         raise _RefusedError(EXIT_ENVIRONMENT, str(error)) from None
+    if operator.trouble:
+        _warn(operator.trouble)
     station = operator.station
     with Stop() as stop:
         links = {"radio": operator.link} | ({} if ground is None else {"ground station's link": ground})
@@ -80,12 +85,19 @@ def _order(arguments: argparse.Namespace, opened: ExitStack) -> int:
             hand_back = arguments.hand_back
             if not 0 <= hand_back <= size:
                 raise _RefusedError(EXIT_BAD_FILE, f"--hand-back {hand_back}: the mission has the vehicles 1 to {size}")
-            _confirm(station, size, arguments.yes)
+            _refuse_stopped(stop)
+            _confirm(station, size, arguments.yes, stop)
             radio.run(0.0 if arguments.yes else SETTLE_S)
+        _refuse_stopped(stop)
         return _send(radio, kind, hand_back, arguments.for_s)
 
 
-def _confirm(station: OperatorStation, size: int, yes: bool) -> None:
+def _refuse_stopped(stop: Stop) -> None:
+    if stop.reason:
+        raise _RefusedError(EXIT_BAD_FILE, f"{stop.reason}: nothing was ordered")
+
+
+def _confirm(station: OperatorStation, size: int, yes: bool, stop: Stop) -> None:
     now_s = time.monotonic()
     heard, missing = station.vehicles(now_s), station.not_ready(now_s)
     _show(f"ready: {list_ids([k for k in heard if k not in missing]) or 'none'}")
@@ -98,14 +110,18 @@ def _confirm(station: OperatorStation, size: int, yes: bool) -> None:
     if not sys.stdin.isatty():
         raise _RefusedError(EXIT_BAD_FILE, "a start is confirmed at a terminal, or with --yes: nothing was ordered")
     without = f", without {list_ids(list(missing))}" if missing else ""
-    if input(f"Start {size - len(missing)} of {size} vehicles{without}? [y/N] ").strip().lower() not in ("y", "yes"):
+    print(f"Start {size - len(missing)} of {size} vehicles{without}? [y/N] ", end="", flush=True)
+    select.select((sys.stdin, stop.fileno()), (), ())
+    _refuse_stopped(stop)
+    if sys.stdin.readline().strip().lower() not in ("y", "yes"):  # empty: its end
         raise _RefusedError(EXIT_BAD_FILE, "not confirmed: nothing was ordered")
 
 
 def _send(radio: _Radio, kind: OrderKind, hand_back: int, for_s: float) -> int:
     """Until all that are heard act on it, or the time is up."""
     station, begun_s = radio.station, time.monotonic()
-    station.send_order(kind, begun_s, hand_back=hand_back)
+    if warning := station.send_order(kind, begun_s, hand_back=hand_back):
+        _warn(warning)
 
     def is_done(now_s: float) -> bool:
         return now_s - begun_s >= SEEN_S and bool(station.vehicles(now_s)) and not station.waits_for(now_s)
@@ -152,6 +168,10 @@ class _Radio:
         operator.hear_radio(now_s)
         operator.send_due(now_s, self._floods, _show)
         return now_s
+
+
+def _warn(line: str) -> None:
+    print(f"companion: {line}", file=sys.stderr, flush=True)
 
 
 def _show(line: str) -> None:

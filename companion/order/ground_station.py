@@ -18,7 +18,7 @@ from companion.mavlink.framing.frames import Framing, Incoming
 from companion.mavlink.orders.commands import order_of
 from companion.mavlink.orders.order import OrderKind
 from companion.mavlink.peers.session import OPERATOR_ID
-from companion.order.station import OperatorStation, list_ids
+from companion.order.station import OperatorStation, OrderFileError, list_ids, reason_of
 
 HEARTBEAT_S: Final = 1.0
 CONFIRM_S: Final = 10.0
@@ -39,10 +39,9 @@ class GroundStation:
         self._heartbeat_s = self._asked_s = -math.inf
 
     def receive(self, data: bytes, now_s: float) -> None:
-        """A datagram of the ground station. OSError: the order's count cannot be kept; it was not sent."""
+        """A datagram of the ground station. Whatever it is, nothing raises."""
         for incoming in self._framing.read_messages(data):
-            if incoming.message_id == dialect.MAVLINK_MSG_ID_COMMAND_LONG:
-                self._command(incoming, now_s)
+            self._command(incoming, now_s)
 
     def datagrams(self, now_s: float) -> list[bytes]:
         """Datagrams to send with this turn."""
@@ -77,14 +76,20 @@ class GroundStation:
             self._report_text(f"START again within {CONFIRM_S:.0f} s to go without {list_ids(list(missing))}")
             return int(dialect.MAV_RESULT_TEMPORARILY_REJECTED)
         self._asked_s = -math.inf
-        self._station.send_order(kind, now_s)
+        try:
+            warning = self._station.send_order(kind, now_s)
+        except (OSError, OrderFileError) as error:
+            self._report_text(f"{kind.name}: not ordered: {reason_of(error)}", Severity.CRITICAL)
+            return int(dialect.MAV_RESULT_FAILED)
+        if warning:
+            self._report_text(warning, Severity.WARNING)
         self._report_text(f"{kind.name}: ordered")
         return int(dialect.MAV_RESULT_ACCEPTED)
 
-    def _report_text(self, text: str) -> None:
+    def _report_text(self, text: str, severity: Severity = Severity.NOTICE) -> None:
         self._tell(text)
         self._text_id = self._text_id % texts.ID_MAX + 1
-        for message in texts.encode(Severity.NOTICE, text, self._text_id):
+        for message in texts.encode(severity, text, self._text_id):
             self._send(message)
 
     def _send(self, message: Any, *, system: int = OPERATOR_ID) -> None:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Callable
+
+from mission.common.problems import printable
 
 _ABOUT = """\
 Orders of the operator's key to a whole swarm: START, HOLD, LAND, ABORT. Any vehicle that hears one passes it on, and
@@ -56,7 +59,7 @@ def add_order_commands(
         _add_links(one, peers)
         one.add_argument(
             "--for-s",
-            type=float,
+            type=_duration,
             default=FOR_S,
             metavar="S",
             help=f"send no longer than this, in seconds (default: {FOR_S:.0f})",
@@ -79,6 +82,16 @@ def add_order_commands(
         metavar="URL",
         help="link to the ground station, as udpin://127.0.0.1:14590",
     )
+
+
+def _duration(text: str) -> float:
+    try:
+        duration_s = float(text)
+    except ValueError:
+        duration_s = math.nan
+    if not 0.0 < duration_s < math.inf:
+        raise argparse.ArgumentTypeError(f"{printable(text)}: must be a number of seconds above 0")
+    return duration_s
 
 
 def _add_links(one: argparse.ArgumentParser, peers: Callable[[str], object]) -> None:

@@ -15,7 +15,7 @@ from companion.keys.process import harden_process
 from companion.mavlink.peers.guard import SignedGuard
 from companion.mavlink.peers.session import OPERATOR_ID
 from companion.order.order_file import SUFFIX, OperatorFile
-from companion.order.station import OperatorStation
+from companion.order.station import OperatorStation, OrderFileError, reason_of
 from companion.shell.floods import FloodLog
 from companion.shell.links import Link, open_link
 from companion.shell.radio_keys import mission_digest, open_radio_session
@@ -29,11 +29,12 @@ READS_S: Final = 0.03  # and for how long: a flood keeps no order waiting
 class OperatorRadio:
     """A station and its link. `hear_radio` and `send_due` in each turn, the next one at `due_s` at the latest."""
 
-    def __init__(self, station: OperatorStation, link: Link, *, knows_flight: bool) -> None:
-        """`knows_flight`: this mission was started with this key before."""
+    def __init__(self, station: OperatorStation, link: Link, *, knows_flight: bool, trouble: str = "") -> None:
+        """`knows_flight`: this mission was started with this key before. `trouble`: of the count; or none."""
         self.station: Final = station
         self.link: Final = link
         self.knows_flight: Final = knows_flight
+        self.trouble: Final = trouble
         self.due_s = time.monotonic()
 
     def hear_radio(self, now_s: float, also: Callable[[bytes], object] = lambda _data: None) -> None:
@@ -58,16 +59,20 @@ class OperatorRadio:
 
 
 def open_operator(key: str, mission: str, size: int, peers: Url, opened: ExitStack) -> OperatorRadio:
-    """`key`, `mission`: files. The process has no core dump from now on. KeyFileError, OrderFileError, LinkError."""
+    """`key`, `mission`: files. The process has no core dump from now on. KeyFileError, LinkError."""
     harden_process()
     keyring = load_keyring(key, OPERATOR)
     digest = mission_digest(mission)
     file = OperatorFile(Path(f"{key}{SUFFIX}"), lambda: time.time_ns() // 1_000_000)
-    knows_flight = file.knows_flight(digest)
+    knows_flight, trouble = False, ""
+    try:
+        knows_flight = file.knows_flight(digest)
+    except (OSError, OrderFileError) as error:  # what only stops goes out all the same
+        trouble = f"the count of orders cannot be read: {reason_of(error)}: no START can be ordered"
     link = open_radio_link(peers, opened)
     guard = SignedGuard(open_radio_session(keyring, OPERATOR_ID, mission))
     station = OperatorStation(keyring.seed, digest, size, file=file, draw=secrets.token_bytes, guard=guard)
-    return OperatorRadio(station, link, knows_flight=knows_flight)
+    return OperatorRadio(station, link, knows_flight=knows_flight, trouble=trouble)
 
 
 def open_radio_link(url: Url, opened: ExitStack) -> Link:

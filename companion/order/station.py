@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 from companion.core.model.beacon import Beacon
 from companion.core.model.states import FlightState, SwarmPhase
@@ -34,13 +34,30 @@ ENDED: Final = (FlightState.LANDING, FlightState.LANDED, FlightState.RELEASED)
 HELD: Final = (FlightState.HOLD, FlightState.WAITING, FlightState.READY)
 
 
+class OrderFileError(ValueError):
+    """The file is not one of these; the message names it."""
+
+
+def reason_of(error: OSError | OrderFileError) -> str:
+    """In words, without a number."""
+    return error.strerror or "cannot be written" if isinstance(error, OSError) else str(error)
+
+
+class Numbered(NamedTuple):
+    """The next order's. `unsaved`: why it is not on the disk; empty: it is."""
+
+    counter: int
+    flight: bytes
+    unsaved: str = ""
+
+
 class OrderFile(Protocol):
-    """The operator's count of orders, and the flight of each mission; on the disk before an order is sent."""
+    """The operator's count of orders, and the flight of each mission; on the disk before a START is sent."""
 
-    def next_order(self, digest: bytes, choose: Callable[[bytes], bytes]) -> tuple[int, bytes]:
-        """Counter and flight of the next order. `choose`: the flight by that of the last order of this mission.
+    def next_order(self, digest: bytes, choose: Callable[[bytes], bytes], *, only_stops: bool) -> Numbered:
+        """`choose`: the flight by that of the last order of this mission. `only_stops`: it waits for no disk.
 
-        OSError: it cannot be written, and nothing may be sent.
+        OSError, ValueError, of a START alone: it cannot be written, and nothing may be sent.
         """
 
 
@@ -125,8 +142,11 @@ class OperatorStation:
 
     # --- out ---
 
-    def send_order(self, kind: OrderKind, now_s: float, *, hand_back: int = 0) -> None:
-        """Begins to send an order, instead of the last one. OSError: its count cannot be kept, and it is not sent."""
+    def send_order(self, kind: OrderKind, now_s: float, *, hand_back: int = 0) -> str:
+        """Begins to send an order, instead of the last one -> a warning: its count is not on the disk; or nothing.
+
+        OSError, OrderFileError, of a START alone: its count cannot be kept, and it is not sent.
+        """
         is_flying = any(said.airborne for said in self.vehicles(now_s).values())
         draws = kind is OrderKind.START and not is_flying
 
@@ -135,7 +155,7 @@ class OperatorStation:
                 return self._draw(NONCE_BYTES)
             return last
 
-        counter, flight = self._file.next_order(self._digest, choose)
+        counter, flight, unsaved = self._file.next_order(self._digest, choose, only_stops=kind is not OrderKind.START)
         self._payload = make_order(
             self._signer,
             kind,
@@ -146,6 +166,7 @@ class OperatorStation:
             hand_back=hand_back,
         )
         self._kind, self._repeats = kind, Repeats(now_s, late_period_s=NEW_PERIOD_S)
+        return f"{kind.name} goes out, counted by the clock alone: {unsaved}" if unsaved else ""
 
     def datagrams(self, now_s: float) -> list[bytes]:
         """Datagrams to send with this turn: what proves this station's boot, which vehicles echo, and the order."""

@@ -108,6 +108,8 @@ def _open(
         raise ValueError("--orders: needs --key FILE, the operator's, and --mission FILE, the swarm's own")
     size = mission.swarm.size
     operator = open_operator(arguments.key, arguments.mission, size, arguments.peers, opened)
+    if operator.trouble:
+        _to_stderr(operator.trouble)
     desk = OrderDesk(OrderKey(), size, time.monotonic)
     receiver = OrderingReceiver(operator, OrderClerk(operator.station, size, _to_stdout), desk, _to_stderr)
     server = _bound(partial(OrderServer, desk=desk), address, stream, chart)

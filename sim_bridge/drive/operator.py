@@ -15,7 +15,7 @@ from companion.mavlink.framing import wire
 from companion.mavlink.orders.order import OrderKind
 from companion.mavlink.peers.guard import Guard
 from companion.mavlink.peers.session import OPERATOR_ID
-from companion.order.station import OperatorStation
+from companion.order.station import Numbered, OperatorStation
 from mission.common.frames import Vec3
 from mission.document.model import Mission, Personality
 
@@ -62,11 +62,11 @@ class OrderCount:
         self._counter = 0
         self._flight = bytes(8)
 
-    def next_order(self, digest: bytes, choose: Callable[[bytes], bytes]) -> tuple[int, bytes]:  # noqa: ARG002
+    def next_order(self, digest: bytes, choose: Callable[[bytes], bytes], *, only_stops: bool) -> Numbered:  # noqa: ARG002
         """As `OrderFile`."""
         self._counter += 1
         self._flight = choose(self._flight)
-        return self._counter, self._flight
+        return Numbered(self._counter, self._flight)
 
 
 class SignedOperator:

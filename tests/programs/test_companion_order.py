@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import pty
 import signal
 import subprocess
 import sys
@@ -94,6 +96,59 @@ def test_key_of_a_vehicle_is_refused(folder: Path, port: int) -> None:
     code, _, err = run(order(folder, "abort", *peers, key="fleet/vehicle-1.key"))
     assert code == 2
     assert "owner: is vehicle 1: must be the operator" in err
+
+
+def test_what_stops_goes_out_beside_a_bad_count_and_a_start_does_not(
+    folder: Path, port: int, vehicles: Vehicles
+) -> None:
+    count = folder / "fleet" / "operator.key.orders"
+    kept = count.read_bytes() if count.exists() else None
+    count.write_text("garbage")
+    try:
+        peers = ["--peers", f"udpin://127.0.0.1:{port}"]
+        code, out, err = run(order(folder, "abort", *peers))
+        assert (code, out) == (0, "ABORT: acting on it: 1, 2\n")
+        assert "ABORT goes out, counted by the clock alone" in err
+        code, _, err = run(order(folder, "start", "--yes", *peers))
+        assert code == 2
+        assert "is no file of an operator's orders: move it away to begin anew: nothing was ordered" in err
+    finally:
+        count.unlink()
+        if kept is not None:
+            count.write_bytes(kept)
+    assert vehicles.obeyed == {1: [Order.ABORT], 2: [Order.ABORT]}
+
+
+@pytest.mark.parametrize("for_s", ["nan", "inf", "-5", "0", "x"])
+def test_time_to_send_for_is_a_number_above_0(folder: Path, port: int, for_s: str) -> None:
+    code, _, err = run(order(folder, "hold", "--peers", f"udpin://127.0.0.1:{port}", f"--for-s={for_s}"))
+    assert code == 2
+    assert f"--for-s: {for_s}: must be a number of seconds above 0" in err
+
+
+@pytest.mark.parametrize(("is_signal", "words"), [(True, "SIGINT"), (False, "not confirmed")])
+def test_question_of_a_start_is_ended_by_ctrl_c_and_ctrl_d(
+    folder: Path, port: int, vehicles: Vehicles, is_signal: bool, words: str
+) -> None:
+    ours, theirs = pty.openpty()
+    arguments = order(folder, "start", "--peers", f"udpin://127.0.0.1:{port}")
+    started = subprocess.Popen(arguments, stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert started.stdout is not None
+        while started.stdout.read(1) != "?":
+            assert started.poll() is None
+        if is_signal:
+            started.send_signal(signal.SIGINT)
+        else:
+            os.write(ours, b"\x04")
+        assert started.communicate(timeout=LIMIT_S)[1] == f"companion: {words}: nothing was ordered\n"
+        assert started.returncode == 2
+    finally:
+        started.kill()
+        started.communicate()
+        os.close(ours)
+        os.close(theirs)
+    assert vehicles.obeyed == {1: [], 2: []}
 
 
 def test_ground_station_orders_through_the_gateway(folder: Path, port: int, vehicles: Vehicles) -> None:

@@ -10,9 +10,8 @@ from http import HTTPStatus
 from typing import Any, Final
 
 from companion.mavlink.orders.order import OrderKind
-from companion.order.order_file import OrderFileError
 from companion.order.radio import OperatorRadio
-from companion.order.station import OperatorStation, list_ids
+from companion.order.station import OperatorStation, OrderFileError, list_ids, reason_of
 from companion.shell.floods import FloodLog
 from companion.watch.orders.desk import Answer, Asked, OrderDesk
 from companion.watch.orders.page_order import PageOrder
@@ -45,11 +44,13 @@ class OrderClerk:
         if kind is OrderKind.START and not self._station.vehicles(now_s):
             return Answer(HTTPStatus.PRECONDITION_FAILED, "no vehicle is heard: nothing was ordered")
         try:
-            self._station.send_order(kind, now_s, hand_back=asked.hand_back)
+            warning = self._station.send_order(kind, now_s, hand_back=asked.hand_back)
         except (OSError, OrderFileError) as error:
-            why = error.strerror if isinstance(error, OSError) else error
+            why = reason_of(error)
             self._show(f"{kind.name}: its count cannot be written: {why}: nothing was ordered")
             return Answer(HTTPStatus.INTERNAL_SERVER_ERROR, f"its count cannot be written: {why}: nothing was ordered")
+        if warning:
+            self._show(warning)
         number = 1 if self._sent is None else self._sent.number + 1
         self._sent = _Sent(kind, asked.hand_back, number, now_s)
         without = f", without {list_ids(asked.without)}" if asked.without else ""

@@ -198,3 +198,10 @@ def test_passphrase_outlives_a_rotation_of_the_swarms_secret(fleet: Path, capsys
     before = link_passphrase(load_keyring(fleet / "vehicle-3.key", 3))
     said(capsys, fleet, "rotate", "fleet", "--finish")
     assert link_passphrase(load_keyring(fleet / "vehicle-3.key", 3)) == before
+
+
+def test_passphrase_overwrites_no_file(fleet: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = (fleet / "vehicle-3.key").read_bytes()
+    told = said(capsys, fleet, "autopilot", "fleet/vehicle-3.key", "--out", "fleet/vehicle-3.key", code=2)
+    assert told == "companion: fleet/vehicle-3.key: is there already: it is never overwritten\n"
+    assert (fleet / "vehicle-3.key").read_bytes() == before

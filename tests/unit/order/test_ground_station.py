@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega
 from companion.core.model.states import FlightState
 from companion.mavlink.orders.order import OrderKind, order_payload, read_order
 from companion.order.ground_station import CONFIRM_S, GroundStation
-from companion.order.station import OPERATOR_ID
+from companion.order.station import OPERATOR_ID, Numbered, OrderFileError
 from tests.unit.mavlink.orders_kit import SIZE
 from tests.unit.order.test_station import Ground
 
@@ -81,6 +81,38 @@ def test_command_to_somebody_else_is_neither_ordered_nor_answered(system: int, c
     gateway = Gateway(1, 2, 3, 4)
     assert gateway.command(M.MAV_CMD_NAV_LAND, system=system, component=component) == []
     assert gateway.ordered() is None
+
+
+def test_start_that_cannot_be_counted_is_answered_and_the_gateway_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    gateway = Gateway(1, 2, 3, 4)
+
+    def fail(_digest: bytes, _choose: Any, *, only_stops: bool) -> Numbered:
+        if only_stops:
+            return Numbered(9, bytes(8), "full")
+        raise OrderFileError("k.orders: is none")
+
+    monkeypatch.setattr(gateway.ground.station._file, "next_order", fail)
+    ack = next(m for m in gateway.command(M.MAV_CMD_MISSION_START) if m.get_type() == "COMMAND_ACK")
+    assert ack.result == M.MAV_RESULT_FAILED
+    assert gateway.ordered() is None
+    ack = next(m for m in gateway.command(M.MAV_CMD_NAV_LAND) if m.get_type() == "COMMAND_ACK")
+    assert ack.result == M.MAV_RESULT_ACCEPTED
+    assert gateway.ordered() is ABORT
+    assert gateway.lines == [
+        "START: not ordered: k.orders: is none",
+        "ABORT goes out, counted by the clock alone: full",
+        "ABORT: ordered",
+    ]
+
+
+def test_command_int_is_ordered_and_answered_too() -> None:
+    gateway = Gateway(1, 2, 3, 4)
+    mav = M.MAVLink(None, srcSystem=255, srcComponent=190)
+    message = M.MAVLink_command_int_message(0, 0, 0, M.MAV_CMD_NAV_LAND, 0, 0, *(0.0,) * 4, 0, 0, 0.0)
+    gateway.link.receive(message.pack(mav), gateway.ground.now_s)
+    answers = M.MAVLink(None).parse_buffer(b"".join(gateway.link.datagrams(gateway.ground.now_s)))
+    assert [m.result for m in answers if m.get_type() == "COMMAND_ACK"] == [M.MAV_RESULT_ACCEPTED]
+    assert gateway.ordered() is ABORT
 
 
 def test_other_command_is_unsupported() -> None:

@@ -14,7 +14,7 @@ import pytest
 
 from companion.core.model.states import FlightState
 from companion.mavlink.orders.order import OrderKind
-from companion.order.order_file import OrderFileError
+from companion.order.station import Numbered, OrderFileError
 from companion.watch.orders import order_key
 from companion.watch.orders.desk import WAITING_MAX, WRONG_MAX, WRONG_S, Answer, Asked, OrderDesk
 from companion.watch.orders.order_key import NONCE_EVERY_S, NONCE_S, NONCES_MAX, OrderKey
@@ -324,13 +324,14 @@ def test_vehicle_that_is_handed_back_is_told() -> None:
 def test_order_whose_count_cannot_be_written_is_not_sent_and_said(
     error: Exception, words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(_digest: bytes, _choose: Callable[[bytes], bytes]) -> tuple[int, bytes]:
+    def fail(_digest: bytes, _choose: Callable[[bytes], bytes], *, only_stops: bool) -> Numbered:  # noqa: ARG001
         raise error
 
     one = Clerk()
-    one.ground.hear(1)
+    for k in (1, 2, 3, 4):
+        one.ground.hear(k, state=FlightState.READY, airborne=False)
     monkeypatch.setattr(one.ground.station._file, "next_order", fail)
-    answer = one.order(OrderKind.HOLD)
+    answer = one.order(OrderKind.START)
     assert answer.status == HTTPStatus.INTERNAL_SERVER_ERROR
     assert words in answer.why
     assert "nothing was ordered" in answer.why
