@@ -324,8 +324,8 @@ class SignedGuard:
         self._timestamp = min(max(self._timestamp + 1, int(now_s * UNITS_PER_S)), TIMESTAMP_MAX)
 
     def _report_sender(self, sender: int, what: str, now_s: float) -> None:
-        """Of a member alone: whoever is in range may send in 255 names, and each text costs the autopilot's link."""
-        if sender in self._session.verifiers:
+        """Of another member alone: anybody may send in 255 names, and each text costs the autopilot's link."""
+        if sender in self._session.verifiers and sender != self._session.me:
             self._report_text(f"vehicle {sender} {what}", now_s)
 
     def _report_text(self, text: str, now_s: float, severity: Severity = Severity.WARNING) -> None:

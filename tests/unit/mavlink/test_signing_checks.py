@@ -94,3 +94,12 @@ def test_unnamed_frames_in_anothers_name_silence_none_of_its_beacons() -> None:
     exchange([one, two], now_s, 5)
     assert two.heard == [(1, True)] * 5
     assert not two.guard.admits(forged(1, 1001, now_s + 2.5), now_s, named=False)  # again
+
+
+def test_forged_frames_in_the_own_name_accuse_nobody() -> None:
+    (one, two), now_s = met(1, 2)
+    other = Node(2, ring=keyring(2, secret=b"o" * 32))
+    two.receive(other.send(now_s), now_s)
+    assert two.texts == []
+    one.receive(other.send(now_s), now_s)
+    assert one.texts == ["vehicle 2 has another key, or another mission file: ignored"]
