@@ -96,6 +96,14 @@ class Editor:
             changes += [Change(do="set", path=("sensing", "range_m"), value=8.0)]
         self.draft.change(changes)
 
+    def _stem_notes(self, mission: Mission) -> tuple[str, ...]:
+        """What was read of the stem map, and what was not."""
+        file = self.stem_file()
+        if file is None:
+            return ()
+        origin = None if mission.origin is None else mission.origin.wgs84
+        return tuple(f"{file.name}: {note}" for note in self.ground.read_stem_map(file, origin=origin).notes)
+
     def _check(self) -> dict[str, Any]:
         path, text = self.draft.path, self.draft.text
         values = tomllib.loads(text)
@@ -113,7 +121,7 @@ class Editor:
             "fields": values_of(values),
             "problems": [_describe(problem) for problem in problems],
             "beyond": [] if found is None else [_describe(problem) for problem in found.beyond],
-            "notes": [] if found is None else list(found.notes),
+            "notes": [] if found is None else [*self._stem_notes(found.mission), *found.notes],
             "summary": "" if found is None else _summary(found.mission, path),
             "flight_height_m": flight_height_m(float(_number(values_of(values)["fence.altitude_max_m"], 30.0))),
         }

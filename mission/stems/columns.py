@@ -37,6 +37,10 @@ BOUNDS = {
     Meaning.CROWN_RADIUS: (0.0, 30.0, "m"),
 }
 
+SWAPPED: Final = "; are latitude and longitude swapped?"
+ZONE_M: Final = 1e6  # a zone's number stands before the easting's six digits, in some exports
+ZONES: Final = 60
+
 
 class Column(NamedTuple):
     """A column that is understood."""
@@ -172,3 +176,18 @@ def _lacks(known: dict[Meaning, Column], unknown: list[str], headings: Sequence[
 def is_missing(value: object) -> bool:
     """Nothing was measured."""
     return value is None or (isinstance(value, str) and value.strip().lower() in MISSING)
+
+
+def hint_of(meaning: Meaning, value: float, column: Column) -> str:
+    """Likely reason why a place is out of bounds."""
+    if meaning is Meaning.LAT and BOUNDS[meaning][1] < abs(value) <= BOUNDS[Meaning.LON][1]:
+        return SWAPPED
+    if meaning is Meaning.EASTING and value > ZONE_M:
+        zone, rest_m = divmod(value, ZONE_M)
+        if zone <= ZONES and BOUNDS[meaning][0] <= rest_m <= BOUNDS[meaning][1]:
+            taken_off = "take that off if it is UTM; Gauss-Krüger is not read, a GIS converts it to UTM"
+            return f"; it begins with a zone's number, {zone:.0f}: {taken_off}"
+    wide = {Meaning.EAST: Meaning.EASTING, Meaning.NORTH: Meaning.NORTHING}.get(meaning)
+    if wide is not None and BOUNDS[wide][0] <= value <= BOUNDS[wide][1]:
+        return f"; `mission forest import --utm ZONE --column {wide}={printable(column.name, 30)}` if it is in a zone"
+    return ""

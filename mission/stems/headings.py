@@ -112,4 +112,13 @@ _KINDS: Final = {
         koivu tammi leppa haapa  bjork bok ek asp  haya roble encina abedul arce  faia carvalho betula
         buk dab brzoza klon jesion olsza""",
 }
-GENERA: Final = {name: kind for kind, names in _KINDS.items() for name in names.split()}
+_GENERA: Final = {name: kind for kind, names in _KINDS.items() for name in names.split()}
+_COMPOUND_MIN: Final = 5  # letters of a name that another word may end with
+
+
+def species_of(word: str) -> Species | None:
+    """The kind of a folded word of a tree's name: itself, or what it ends with, as Weißtanne and Stieleiche do."""
+    if word in _GENERA:
+        return _GENERA[word]
+    ends = [name for name in _GENERA if len(name) >= _COMPOUND_MIN and word.endswith(name)]
+    return _GENERA[max(ends, key=len)] if ends else None

@@ -15,9 +15,19 @@ from mission.common.frames import LocalFrame, Wgs84, ned_to_enu
 from mission.common.problems import MAX_PROBLEMS, MissionError, Problem, printable, shown
 from mission.schema.trees import UNDERGROWTH, Species, StandTree, crown_radius_of_m, height_of_m
 from mission.stems import utm
-from mission.stems.columns import BOUNDS, NOTHING_MAPPED, PLACES, POSITIONS, Column, is_imperial, is_missing
+from mission.stems.columns import (
+    BOUNDS,
+    NOTHING_MAPPED,
+    PLACES,
+    POSITIONS,
+    SWAPPED,
+    Column,
+    hint_of,
+    is_imperial,
+    is_missing,
+)
 from mission.stems.geopackage import gpkg_rows
-from mission.stems.headings import GENERA, Meaning, folded
+from mission.stems.headings import Meaning, folded, species_of
 from mission.stems.numbers import Signs, is_ambiguous, number, signs_of
 from mission.stems.stem_files import MAX_STEM_BYTES, Row, Rows, csv_rows, geojson_rows
 from mission.stems.text import read_text
@@ -28,7 +38,6 @@ TEXTS = (".csv", ".txt", ".tsv")
 TEXT = (Meaning.SPECIES, Meaning.ID)
 MAX_ID_CHARS = 40
 AMBIGUOUS = "with thousands or decimals? `mission forest import --decimal comma` or `point` says which"
-SWAPPED = "; are latitude and longitude swapped?"
 DEGREES_SPREAD_M = 0.1  # no map is as small: that many degrees are 11 km
 
 
@@ -177,7 +186,7 @@ class _Reader:
                     self._problem(row, meaning, AMBIGUOUS, raw)
                 else:
                     ranged = f"must be a number {_range(low, high, unit, column)}"
-                    self._problem(row, meaning, ranged + _hint(meaning, value, column), raw)
+                    self._problem(row, meaning, ranged + hint_of(meaning, value, column), raw)
                 value = low
             values[meaning] = value
         return values
@@ -271,8 +280,9 @@ class _Reader:
     def _kind(self, named: str) -> Species:
         """The species whose curves it is given: by the words of its name."""
         for word in folded(named).split("_"):
-            if word in GENERA:
-                return GENERA[word]
+            kind = species_of(word)
+            if kind is not None:
+                return kind
         self._strange[named] = None
         return Species.BROADLEAF
 
@@ -338,16 +348,6 @@ class _Reader:
             yield f"dropped {counted(len(self._undiametered))} without a diameter{_lines(self._undiametered)}"
         if self._twice:
             yield f"dropped {counted(len(self._twice))} in the place of another{_lines(self._twice)}"
-
-
-def _hint(meaning: Meaning, value: float, column: Column) -> str:
-    """Likely reason why a place is out of bounds."""
-    if meaning is Meaning.LAT and BOUNDS[meaning][1] < abs(value) <= BOUNDS[Meaning.LON][1]:
-        return SWAPPED
-    wide = {Meaning.EAST: Meaning.EASTING, Meaning.NORTH: Meaning.NORTHING}.get(meaning)
-    if wide is not None and BOUNDS[wide][0] <= value <= BOUNDS[wide][1]:
-        return f"; `mission forest import --utm ZONE --column {wide}={printable(column.name, 30)}` if it is in a zone"
-    return ""
 
 
 def counted(trees: int) -> str:

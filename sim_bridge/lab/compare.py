@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -10,6 +11,7 @@ from sim_bridge.judge.metrics.figures import Better
 from sim_bridge.lab.judged import Judged
 
 NAMES = ("A", "B")
+SAME = 1e-9  # of sums of ticks, in the units that people see
 
 
 class Row(NamedTuple):
@@ -32,7 +34,8 @@ def compare_figures(a: Judged, b: Judged) -> list[Row]:
         scaled = [None if value is None else figure.scale * value for value in values]
         difference, better = None, ""
         if scaled[0] is not None and scaled[1] is not None:
-            difference = scaled[1] - scaled[0]
+            same = math.isclose(scaled[0], scaled[1], rel_tol=SAME, abs_tol=SAME)
+            difference = 0.0 if same else scaled[1] - scaled[0]
             if difference and figure.better is not None:
                 better = NAMES[(difference < 0.0) is (figure.better is Better.LESS)]
         if any(value is not None for value in scaled):

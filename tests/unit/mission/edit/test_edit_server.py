@@ -117,6 +117,17 @@ def test_notes_and_the_sentence_are_those_of_mission_check(client: Client, capsy
     assert state["notes"] == [note.strip() for note in notes]
 
 
+def test_page_names_what_was_not_read_of_the_stem_map(client: Client) -> None:
+    stand = "Baum-Nr;east_m;north_m;BHD [cm];Baumart;Zustand\n1;60,5;20,0;31;Weißtanne;gut\n"
+    status, _, told = client.ask(
+        "POST", "/stems", stand.encode("cp1252"), X_Name="bestand.csv", Content_Type="application/octet-stream"
+    )
+    assert status == 200, told
+    notes = client.state()["notes"]
+    assert "bestand.csv: not read: Zustand" in notes
+    assert any("taken for" in note and "not UTF-8" in note for note in notes)
+
+
 def test_saving_keeps_comments_and_is_said(client: Client) -> None:
     client.change(("set", ("name",), "yours"))
     status, told = client.do("/save")

@@ -17,7 +17,7 @@ import pytest
 from mission.cli.main import main
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE
 from mission.schema.trees import crown_radius_of_m, height_of_m
-from mission.stems.headings import GENERA
+from mission.stems.headings import species_of
 from mission.stems.stem_map import read_stems
 from tests.unit.mission.stems_kit import problems_of, says
 
@@ -168,7 +168,7 @@ def test_a_foreign_map_is_read_right_and_what_is_not_read_is_named(language: str
     for (_, east_m, north_m, dbh_cm, height_m), tree, species in zip(
         TREES, stems.trees, (*tongue.species, ""), strict=True
     ):
-        kind = GENERA[bare(species)] if species else GENERA["broadleaf"]
+        kind = species_of(bare(species)) if species else species_of("broadleaf")
         assert (tree.east_m, tree.north_m) == (round(east_m, 2), north_m)
         assert tree.radius_m == pytest.approx(dbh_cm / 200.0)
         assert tree.height_m == (height_m or height_of_m(dbh_cm / 100.0, kind))

@@ -10,12 +10,13 @@ from typing import Any
 import pytest
 
 from mission.common.frames import Wgs84
-from mission.common.problems import MAX_PROBLEMS
+from mission.common.problems import MAX_PROBLEMS, MissionError
 from mission.document.model import Mission
 from mission.schema.forest import MAX_STAND_TREES
 from mission.stand.stand import stand_of
 from mission.stems import utm
 from mission.stems.geopackage_write import to_gpkg
+from mission.stems.headings import Species, folded, species_of
 from mission.stems.stem_files import MAX_STEM_BYTES
 from mission.stems.stem_map import CROWN_BASE_SHARE, read_stems
 from mission.stems.write import to_csv, to_geojson
@@ -355,3 +356,27 @@ def _wooded() -> Mission:
 def _folder(path: Path) -> Path:
     path.mkdir()
     return path
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("Weißtanne", Species.SPRUCE),
+        ("Waldkiefer", Species.PINE),
+        ("Europäische Lärche", Species.SPRUCE),
+        ("Stieleiche", Species.BROADLEAF),
+        ("Sorbus", None),
+        ("Etanne", Species.SPRUCE),
+    ],
+)
+def test_compound_names_are_of_the_kind_that_they_end_with(name: str, kind: Species | None) -> None:
+    found = [species_of(word) for word in folded(name).split("_")]
+    assert next((one for one in found if one is not None), None) is kind
+
+
+@pytest.mark.parametrize(("easting", "zone"), [("32567025.97", 32), ("3567025.97", 3)])
+def test_an_easting_behind_its_zones_number_is_told_so(tmp_path: Path, easting: str, zone: int) -> None:
+    file = tmp_path / "s.csv"
+    file.write_text(f"easting,northing,dbh_cm\n{easting},5400000,30\n")
+    with pytest.raises(MissionError, match=rf"it begins with a zone's number, {zone}: take that off if it is UTM"):
+        read_stems(file, zone=utm.zone_of("32N"))
