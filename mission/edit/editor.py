@@ -97,7 +97,7 @@ class Editor:
         self.draft.change(changes)
 
     def _stem_notes(self, mission: Mission) -> tuple[str, ...]:
-        """What was read of the stem map, and what was not."""
+        """The notes of its stem map: what was read of it, and what not."""
         file = self.stem_file()
         if file is None:
             return ()
