@@ -46,6 +46,34 @@ def word_of(said: Beacon) -> Word:
 
 
 @final
+class Mark:
+    """How far a sender's frames of one kind have come: only newer ones count, as far as its clock can be by now."""
+
+    __slots__ = ("_offset_s", "_seen_s", "at")
+
+    def __init__(self, at: int, now_s: float) -> None:
+        """`at`: a timestamp. The sender's clock less the own is known by the frame that came soonest: what waits in
+        sockets while one stalls shows less.
+        """
+        self.at = at
+        self._offset_s, self._seen_s = at / UNITS_PER_S - now_s, now_s
+
+    def refusal(self, timestamp: int, now_s: float) -> str:
+        """The reason not to take a frame of this timestamp; empty: it is new."""
+        if timestamp <= self.at:
+            return "repeated"
+        ahead_s = timestamp / UNITS_PER_S - now_s - self._offset_s
+        return "ahead of its sender's clock" if ahead_s > AHEAD_S + DRIFT * (now_s - self._seen_s) else ""
+
+    def move(self, timestamp: int, now_s: float) -> None:
+        """To a frame that was taken."""
+        self.at = timestamp
+        offset_s = timestamp / UNITS_PER_S - now_s
+        if offset_s >= self._offset_s - DRIFT * (now_s - self._seen_s):
+            self._offset_s, self._seen_s = offset_s, now_s
+
+
+@final
 class Stream:
     """Of one boot of one sender, known to be no recording. Times are the local clock's, s."""
 
@@ -55,8 +83,6 @@ class Stream:
         "_heard",
         "_keys",
         "_marks",
-        "_offset_s",
-        "_offset_seen_s",
         "_proven_s",
         "_word",
         "boot",
@@ -72,9 +98,7 @@ class Stream:
         self.vouched = -1  # `last` of its newest manifest
         self.waiting: Waiting | None = None  # the last manifest that told nothing new
         # Of frames that manifests name, and of others: whoever makes one of those in its name silences none of these.
-        self._marks = {True: mark, False: mark}
-        # Its clock less the own, by the frame that came soonest: what waits in sockets while one stalls shows less.
-        self._offset_s, self._offset_seen_s = mark / UNITS_PER_S - now_s, now_s
+        self._marks = {True: Mark(mark, now_s), False: Mark(mark, now_s)}
         self._keys: dict[int, bytes] = {}  # by epoch
         self._heard: deque[tuple[int, bytes, Beacon | None]] = deque(maxlen=HEARD_MAX)
         self._proven_s = -math.inf
@@ -94,23 +118,15 @@ class Stream:
         if not mac_holds(frame, key):
             return "forged, or of another boot"
         self._keys[epoch] = key
-        timestamp = timestamp_of(frame)
-        if timestamp <= self._marks[named]:
-            return "repeated"
-        ahead_s = timestamp / UNITS_PER_S - now_s - self._offset_s
-        if ahead_s > AHEAD_S + DRIFT * (now_s - self._offset_seen_s):
-            return "ahead of its sender's clock"
-        return ""
+        return self._marks[named].refusal(timestamp_of(frame), now_s)
 
     def take_frame(self, frame: bytes, said: Beacon | None, now_s: float, *, named: bool) -> None:
         """A frame that nothing speaks against. `said`: of a beacon; `named`: of a message that manifests name."""
-        self._marks[named] = mark = timestamp_of(frame)
+        timestamp = timestamp_of(frame)
+        self._marks[named].move(timestamp, now_s)
         self.heard_s = now_s
-        offset_s = mark / UNITS_PER_S - now_s
-        if named and offset_s >= self._offset_s - DRIFT * (now_s - self._offset_seen_s):
-            self._offset_s, self._offset_seen_s = offset_s, now_s
         if named:
-            self._heard.append((mark, mac_of(frame), said))
+            self._heard.append((timestamp, mac_of(frame), said))
 
     def is_known(self, manifest: Manifest, now_s: float) -> bool:
         """A manifest whose signature may wait: the last that held is not long ago, and this one would change nothing.
@@ -127,6 +143,8 @@ class Stream:
         """Its newest manifest. False: somebody else has made frames in its name."""
         self.vouched = last = manifest.last
         self.waiting = None
+        if self._marks[False].at > last:  # of a frame that it has not made: its counter is at `last`
+            self._marks[False] = Mark(last, now_s)
         clean = self._names_all(manifest)
         if clean:
             self._proven_s = now_s
@@ -135,8 +153,7 @@ class Stream:
                 self._word, self._count = word_of(said), _count_of(said)
         else:
             # What was taken may be the other's: go on from what the sender itself says that it has sent.
-            self._marks[True] = last
-            self._offset_s, self._offset_seen_s = last / UNITS_PER_S - now_s, now_s
+            self._marks[True] = Mark(last, now_s)
             self._proven_s = -math.inf
             self._disputed_until_s = now_s + DISPUTED_S
         while self._heard and (self._heard[0][0] <= last or not clean):
