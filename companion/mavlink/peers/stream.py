@@ -47,7 +47,7 @@ def word_of(said: Beacon) -> Word:
 
 @final
 class Mark:
-    """How far a sender's frames of one kind have come: only newer ones count, as far as its clock can be by now."""
+    """The newest frame of one kind of a sender: only newer ones count, as far as its clock can be by now."""
 
     __slots__ = ("_offset_s", "_seen_s", "at")
 
