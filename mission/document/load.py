@@ -35,6 +35,7 @@ __all__ = [
 ]
 
 MAX_FILE_BYTES = 64 * 1024
+STEM_SUFFIXES = (".csv", ".geojson", ".json", ".gpkg")
 MANY = 50  # tables of an array: more are written on a line each, or 700 trees would not fit into a file
 _TOML_PLACE = re.compile(r"(?s)(.*) \(at (?:line (\d+), column (\d+)|end of document)\)")
 _ENDLESS_NUMBER = re.compile(r"[0-9][0-9_]{4000}")  # Python refuses to read an integer of more than 4300 digits
@@ -56,6 +57,7 @@ def load_mission(path: str | os.PathLike[str]) -> Mission:
 def load_with_source(path: str | os.PathLike[str]) -> tuple[Mission, bytes]:
     """The mission as `load_mission` has it, and the file's bytes that it was read from."""
     place = printable(os.fsdecode(path), MAX_PLACE_CHARS)
+    _check_name(path, place)
     data = read_bytes(path, place, MAX_FILE_BYTES)
     return validated(Mission, *_decode(data, place, path)), data
 
@@ -63,12 +65,20 @@ def load_with_source(path: str | os.PathLike[str]) -> tuple[Mission, bytes]:
 def load_document(path: str | os.PathLike[str]) -> Document:
     """Of any TOML file of ours. MissionError."""
     place = printable(os.fsdecode(path), MAX_PLACE_CHARS)
+    _check_name(path, place)
     return _decode(read_bytes(path, place, MAX_FILE_BYTES), place, path)
 
 
 def parse_document(text: str, path: str | os.PathLike[str]) -> Document:
     """Of what is to stand in the file `path`, beside which its stem map is. MissionError."""
     return _parse(text, printable(os.fsdecode(path), MAX_PLACE_CHARS), os.path.dirname(os.fsdecode(path)))
+
+
+def _check_name(path: str | os.PathLike[str], place: str) -> None:
+    """A stem map in the place of a mission is told so, and not what of it is no TOML."""
+    if os.fsdecode(path).lower().endswith(STEM_SUFFIXES):
+        begin = f"`mission edit new.toml --stems {place}` begins one that flies in it"
+        raise refused(place, None, f"is a stem map by its name, and a mission is a .toml: {begin}")
 
 
 def _decode(data: bytes, place: str, path: str | os.PathLike[str]) -> Document:

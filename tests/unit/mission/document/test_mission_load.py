@@ -283,3 +283,10 @@ def test_an_unknown_table_is_refused_at_its_header() -> None:
 
 def test_the_attributes_name_is_no_key_of_the_file() -> None:
     assert only_problem(FULL.replace("[origin]", "schema_version = 1\n[origin]")).key == "schema_version"
+
+
+@pytest.mark.parametrize("name", ["stand.csv", "Stand.CSV", "stand.gpkg", "stand.geojson"])
+def test_a_stem_map_in_the_place_of_a_mission_is_told_so(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(b"Nr;H\xf6he\n1;20\n")
+    with pytest.raises(MissionError, match=rf"{name}: is a stem map by its name, and a mission is a \.toml: .*--stems"):
+        load_mission(tmp_path / name)
