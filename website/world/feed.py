@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from companion.core.model.states import SwarmPhase
 from mission import __version__
+from mission.check.summary import describe_airtime, summarise
 from mission.common.frames import Vec3, enu_to_ned
 from mission.document.load import dump_mission
 from mission.stand.stand import Stand, StandTree
@@ -60,6 +61,7 @@ class Feed:
             "title": self._title,
             "seed": mission.sim.seed,
             "mission": mission_values(mission),
+            "needs": describe_airtime(summarise(self._title, mission)),
             "mission_toml": dump_mission(mission),
             "stand": stand_values(flight.stand),
             "verdict": {"text": None, "succeeded": None},

@@ -49,6 +49,7 @@ ABOUT: Final[dict[str, About]] = {
     "mission.trunk_attenuation_factor": About("number", "", "What a trunk across a link leaves of its range, 0 to 1."),
     "mission.kept_per_trunk": About("number", "", "The same by its name until 0.2; goes with the next version."),
     "mission.sensing_range_m": About("number or null", "m", "Of the obstacle sensor; null: there is none."),
+    "needs": About("text", "", "Least time in the air, and the charge that it takes, as `mission check` has it."),
     "mission_toml": About("text", "", "The mission as flown, whole."),
     **{
         f"stand.{kind}.{name}": About("column", "m", meaning)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from companion.core.model.states import SwarmPhase
 from mission import __version__
+from mission.check.summary import describe_airtime, summarise
 from mission.common.frames import LocalFrame, Wgs84, enu_to_ned
 from mission.document.load import dump_mission
 from mission.document.model import CoverageShape, Mission, RadioTrunks
@@ -114,6 +115,7 @@ def head(mission: Mission, stand: Stand, title: str) -> dict[str, Any]:
         "title": title,
         "seed": mission.sim.seed,
         "mission": mission_values(mission),
+        "needs": describe_airtime(summarise(title, mission)),
         "mission_toml": dump_mission(mission),
         "stand": _stand_values(stand),
     }

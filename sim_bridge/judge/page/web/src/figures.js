@@ -37,6 +37,7 @@ export function details(replay) {
     el("details", {}, el("summary", {}, "Figures"), table(rows)),
     el("details", {}, el("summary", {}, "Mission as flown"),
       el("p", {}, `${replay.madeBy}, seed ${replay.seed}, ${replay.vehicles.length} vehicles`),
+      replay.needs ? el("p", {}, `It needs ${replay.needs}`) : "",
       el("pre", { tabindex: "0" }, replay.missionToml)),
   ];
 }

@@ -70,6 +70,7 @@ export class Replay {
       mission: doc.mission,
       attenuationFactor: doc.mission.trunk_attenuation_factor ?? doc.mission.kept_per_trunk, // its name until 0.2
       missionToml: doc.mission_toml,
+      needs: doc.needs ?? "", // nothing in replays of 0.2
       events: doc.events,
       byVehicle: doc.by_vehicle ?? [], // none of a flight under way, nor in replays of 0.2
       chart: doc.chart ?? null,
