@@ -69,7 +69,9 @@ def test_a_flight_waits_for_the_first_look_and_its_map_stays_with_the_replay(tmp
         assert program.wait(timeout=60) == 0
 
 
-def test_a_closed_terminal_ends_a_map_that_stays(tmp_path: Path) -> None:
+def test_a_closed_terminal_ends_a_map_that_stays(tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # a flight in this process leaves it ignored, as nohup does
+    request.addfinalizer(lambda: signal.signal(signal.SIGHUP, before))
     with flying(tmp_path / "run", "--stay", CI="1") as (program, output):
         assert told(output, "the map stays")  # nobody has looked
         program.send_signal(signal.SIGHUP)
