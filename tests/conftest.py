@@ -64,3 +64,13 @@ def manager(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Manager]
     manager = Manager(str(tmp_path / "notify") if request.param == "path" else f"@understory-test-{os.getpid()}")
     yield manager
     manager.socket.close()
+
+
+@pytest.fixture(autouse=True)
+def signals_as_before() -> Iterator[None]:
+    """A flight in this process leaves signals ignored, which the programs of later tests would inherit."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    yield
+    for number, handler in before.items():
+        if handler is not None:  # as C has it
+            signal.signal(number, handler)
