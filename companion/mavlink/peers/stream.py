@@ -143,8 +143,6 @@ class Stream:
         """Its newest manifest. False: somebody else has made frames in its name."""
         self.vouched = last = manifest.last
         self.waiting = None
-        if self._marks[False].at > last:  # of a frame that it has not made: its counter is at `last`
-            self._marks[False] = Mark(last, now_s)
         clean = self._names_all(manifest)
         if clean:
             self._proven_s = now_s

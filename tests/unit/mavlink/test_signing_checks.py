@@ -103,3 +103,17 @@ def test_forged_frames_in_the_own_name_accuse_nobody() -> None:
     assert two.texts == []
     one.receive(other.send(now_s), now_s)
     assert one.texts == ["vehicle 2 has another key, or another mission file: ignored"]
+
+
+def test_an_old_manifest_that_is_sent_again_opens_no_way_for_old_frames() -> None:
+    """Whoever records one that had waited, and what came after it, has nothing to repeat: not of the unnamed either."""
+    (one, two), now_s = met(1, 2)
+    proof = one.guard.proof(now_s + 1.0)
+    assert proof is not None
+    manifest = one.guard.seal_proof(wire.frame(*proof, seq=0, system=1, component=191, flags=1))
+    now_s += 2.0
+    record = one.guard.seal(beacon_frame(1), now_s, named=False)
+    assert two.guard.admits(record, now_s, named=False)
+    two.receive([manifest], now_s + PROVEN_S)
+    assert not two.guard.admits(record, now_s + PROVEN_S, named=False)
+    assert two.guard.refused["repeated"] == 1
