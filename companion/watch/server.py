@@ -6,36 +6,22 @@ The stream is of server-sent events (HTML Living Standard, 9.2): one way, as wat
 
 from __future__ import annotations
 
-import contextlib
-import hmac
-import http.server
-import io
 import ipaddress
 import json
 import re
 import secrets
-import socket
 import threading
 import time
 from collections.abc import Callable, Mapping
 from http import HTTPStatus
-from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 from urllib.parse import parse_qs, urlsplit
 
 from mission.basemap.chart import ZOOM_MAX, Chart
-from mission.common.network.connections import (
-    SEND_BUFFER_BYTES,
-    Connections,
-    Notices,
-    Patience,
-    TooSlowError,
-    read_body,
-    read_head,
-    send_within,
-)
+from mission.common.network.connections import Connections, Patience
 from mission.common.network.own_addresses import reached_at
+from mission.common.network.page_server import PageHandler, PageServer
 
 BUNDLE: Final = Path(__file__).parent / "bundle"
 FILES: Final = {
@@ -83,16 +69,11 @@ class Stream:
             self._changed.notify_all()
 
 
-class WatchServer(http.server.ThreadingHTTPServer):
+class WatchServer(PageServer):
     """Serves `stream` and `chart` at `address`. OSError when it cannot be bound.
 
     On another address than loopback it wants a token, which it makes: `urls` have it.
     """
-
-    daemon_threads = True
-    block_on_close = False
-    allow_reuse_address = True
-    request_queue_size = 128  # with the usual 5, a burst of connections costs the next one seconds
 
     def __init__(
         self,
@@ -107,14 +88,17 @@ class WatchServer(http.server.ThreadingHTTPServer):
     ) -> None:
         """`say`: takes a line about a client that is dropped. `handler`: of one that answers more than GET."""
         self.stream, self.chart = stream, chart
-        self.patience, self.clock = patience, clock
-        self.token = "" if ipaddress.ip_address(address[0]).is_loopback else secrets.token_urlsafe(16)
         self.streams = threading.BoundedSemaphore(STREAMS_MAX)
-        self._notices = Notices(say)
-        self._connections = Connections[socket.socket]()
-        self._lock = threading.Lock()  # of the two above
-        super().__init__(address, handler or Handler)
-        self.cookie = COOKIE.format(port=self.server_address[1])
+        super().__init__(
+            address,
+            handler or Handler,
+            cookie=COOKIE,
+            token="" if ipaddress.ip_address(address[0]).is_loopback else secrets.token_urlsafe(16),
+            connections=Connections(),
+            patience=patience,
+            clock=clock,
+            say=say,
+        )
 
     @property
     def urls(self) -> list[str]:
@@ -123,109 +107,19 @@ class WatchServer(http.server.ThreadingHTTPServer):
         token = f"?token={self.token}" if self.token else ""
         return [f"http://{address}:{port}/{token}" for address in reached_at(str(host))]
 
-    def process_request(self, request: Any, client_address: Any) -> None:
-        """In a thread of its own, unless there are too many that have asked: those that only hold on make room."""
-        with self._lock:
-            is_let_in, goes = self._connections.admit(request, client_address[0])
-        if goes is not None:
-            with contextlib.suppress(OSError):
-                goes.shutdown(socket.SHUT_RDWR)  # its own thread closes it
-        if goes is not None or not is_let_in:
-            self.note(client_address[0], "too many connections")
-        if not is_let_in:
-            self.shutdown_request(request)
-            return
-        try:
-            super().process_request(request, client_address)
-        except RuntimeError:  # no thread is to be had
-            self._remove(request)
-            self.shutdown_request(request)
 
-    def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """As the base."""
-        try:
-            super().process_request_thread(request, client_address)
-        finally:
-            self._remove(request)
-
-    def mark_asked(self, request: socket.socket) -> None:
-        """Its request is whole: it is answered."""
-        with self._lock:
-            self._connections.mark_asked(request)
-
-    def note(self, address: str, what: str) -> None:
-        """A client was dropped."""
-        with self._lock:
-            self._notices.note(address, what, self.clock())
-
-    def _remove(self, request: socket.socket) -> None:
-        with self._lock:
-            self._connections.remove(request)
-
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        """Ignored: a client that goes away is no news."""
-
-
-class _Writer(io.BufferedIOBase):
-    """Takes what the handler answers, and waits for its client only so long."""
-
-    def __init__(self, connection: socket.socket, server: WatchServer) -> None:
-        self._connection, self._server = connection, server
-
-    def writable(self) -> bool:
-        """Always."""
-        return True
-
-    def write(self, data: Any) -> int:
-        """TooSlowError, OSError."""
-        send_within(self._connection, bytes(data), self._server.clock, self._server.patience)
-        return len(data)
-
-
-class Handler(http.server.BaseHTTPRequestHandler):
+class Handler(PageHandler):
     """One connection: one request, and its answer."""
 
     server: WatchServer
-    server_version: ClassVar[str] = "understory"  # type: ignore[misc]
-    sys_version: ClassVar[str] = ""  # type: ignore[misc]
 
-    def setup(self) -> None:
-        """Reads nothing yet; what waits to be taken is bounded."""
-        super().setup()
-        self.rfile.close()
-        self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
-        self.wfile = _Writer(self.connection, self.server)
-
-    def handle(self) -> None:
-        """One request, whole and in time, and its answer."""
-        server = self.server
-        try:
-            self._until_s = server.clock() + server.patience.head_s
-            head, self._behind_head = read_head(self._read_some, server.clock, self._until_s)
-            if head:
-                self.rfile = io.BytesIO(head)
-                self.handle_one_request()
-        except TooSlowError as error:
-            server.note(self.client_address[0], str(error))
-        except OSError:  # it has gone
-            pass
-
-    def _read_some(self, wait_s: float) -> bytes:
-        self.connection.settimeout(wait_s)
-        data: bytes = self.connection.recv(4096)
-        return data
-
-    def read_body(self, length: int) -> bytes:
-        """Of this request, by the deadline of its head. TooSlowError, OSError."""
-        return read_body(self._read_some, self._behind_head, length, self.server.clock, self._until_s)
-
-    def do_GET(self) -> None:
+    def do_GET(self) -> None:  # noqa: N802  http.server calls it so
         """The page, and what it shows."""
         self.server.mark_asked(self.request)
         asked = urlsplit(self.path)
         given = parse_qs(asked.query).get("token", [""])[0]
-        if self.server.token and asked.path == "/" and self._host_is_ours() and self._is_token(given):
-            return self._let_in(given)
+        if self.server.token and asked.path == "/" and self._host_is_ours() and self.is_token(given):
+            return self.let_in(given, POLICY)
         if not self.is_let_in():
             return None
         if asked.path in FILES:
@@ -254,7 +148,7 @@ class Handler(http.server.BaseHTTPRequestHandler):
         try:
             self.send_response(HTTPStatus.OK)
             self.send_header("Content-Type", "text/event-stream")
-            self._send_safety("no-store")
+            self.send_safety(POLICY, "no-store")
             self.end_headers()
             count = 0
             while not self.server.stream.closed:
@@ -271,7 +165,7 @@ class Handler(http.server.BaseHTTPRequestHandler):
         """It knows the token, where there is one; else it is told, and all is answered."""
         if not self._host_is_ours():
             self.refuse(HTTPStatus.FORBIDDEN, "This server answers to its address only.")
-        elif self.server.token and not self._is_token(self._cookie()):
+        elif self.server.token and not self.is_token(self.cookie()):
             self.refuse(HTTPStatus.FORBIDDEN, "Open the address that `companion watch` prints, whole.")
         else:
             return True
@@ -291,25 +185,6 @@ class Handler(http.server.BaseHTTPRequestHandler):
             return False
         return True
 
-    def _is_token(self, given: str) -> bool:
-        return hmac.compare_digest(given.encode("utf-8", "replace"), self.server.token.encode())
-
-    def _cookie(self) -> str:
-        try:
-            found = SimpleCookie(self.headers.get("Cookie", "")).get(self.server.cookie)
-        except CookieError:
-            return ""
-        return "" if found is None else found.value
-
-    def _let_in(self, token: str) -> None:
-        """To the page, with the token out of sight."""
-        self.send_response(HTTPStatus.SEE_OTHER)
-        self.send_header("Location", "/")
-        self.send_header("Set-Cookie", f"{self.server.cookie}={token}; HttpOnly; SameSite=Strict; Path=/")
-        self.send_header("Content-Length", "0")
-        self._send_safety("no-store")
-        self.end_headers()
-
     def refuse(self, status: HTTPStatus, why: str) -> None:
         """In a line."""
         self.answer(f"{why}\n".encode(), "text/plain; charset=utf-8", status=status)
@@ -319,15 +194,6 @@ class Handler(http.server.BaseHTTPRequestHandler):
         self.send_response(status)
         self.send_header("Content-Type", mime)
         self.send_header("Content-Length", str(len(data)))
-        self._send_safety(f"private, max-age={kept_s}" if kept_s else "no-store")
+        self.send_safety(POLICY, f"private, max-age={kept_s}" if kept_s else "no-store")
         self.end_headers()
         self.wfile.write(data)
-
-    def _send_safety(self, kept: str) -> None:
-        self.send_header("Content-Security-Policy", POLICY)
-        self.send_header("X-Content-Type-Options", "nosniff")
-        self.send_header("Referrer-Policy", "no-referrer")
-        self.send_header("Cache-Control", kept)
-
-    def log_message(self, format: str, *args: Any) -> None:
-        """Not: the token would be in it."""

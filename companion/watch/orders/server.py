@@ -44,7 +44,7 @@ class _OrderHandler(Handler):
         if refused:
             self.refuse(*refused)
             return
-        body = self.read_body(int(self.headers["Content-Length"]))
+        body = self.read_body(int(self.headers["Content-Length"]), self.until_s)
         self.server.mark_asked(self.request)
         answer = self.server.desk.answer_request(body, self.client_address[0])
         if answer.notice:
