@@ -1,8 +1,9 @@
 // Asks this page's own server, one thing after the other: each change is made to the text that the one before left.
 export class Client {
-  // `shown(state, answer)`: after each; `failed(text)`: it was refused, or nobody answers.
+  // `shown(state)`: once no other request waits: an answer from before a change would be written over what was typed.
+  // `failed(text)`: it was refused, or nobody answers.
   constructor(shown, failed) {
-    Object.assign(this, { shown, failed, state: null, last: Promise.resolve() });
+    Object.assign(this, { shown, failed, state: null, isShown: true, waiting: 0, last: Promise.resolve() });
   }
 
   look(path) {
@@ -25,11 +26,21 @@ export class Client {
   }
 
   after(act) {
+    this.waiting += 1;
     this.last = this.last.then(act).catch((error) => {
       this.failed(`No answer from mission edit: is it still running? (${error.message})`);
       return null;
+    }).finally(() => {
+      this.waiting -= 1;
+      this.show();
     });
     return this.last;
+  }
+
+  show() {
+    if (this.waiting > 0 || this.isShown) return;
+    this.isShown = true;
+    this.shown(this.state);
   }
 
   async ask(path, options) {
@@ -42,7 +53,7 @@ export class Client {
     const state = path === "/state" ? told : told.state;
     if (state) {
       this.state = state;
-      this.shown(state);
+      this.isShown = false;
     }
     if (!answer.ok) {
       this.failed(told.refused);

@@ -231,8 +231,18 @@ test("each request is of the text that the one before left", async () => {
   client.look("/state");
   client.do("/change", { changes: [1] });
   await client.do("/change", () => ({ changes: [2] }));
-  assert.deepEqual(shown, [1, 2, 3]);
+  assert.deepEqual(shown, [3]); // those before would be written over what is being typed
   assert.deepEqual(asked.map(([, body]) => body?.revision), [undefined, 1, 2]);
+});
+
+test("what was answered is shown though the request behind it comes to nothing", async () => {
+  answering({ body: { revision: 1 } }, { ok: false, type: "text/plain", body: "no" });
+  const shown = [];
+  const client = new Client((state) => shown.push(state.revision), () => {});
+  client.look("/state");
+  client.do("/save");
+  await client.do("/change", () => null);
+  assert.deepEqual(shown, [1]);
 });
 
 test("a refusal is said, and shows how it stands; so is a server that is gone", async () => {
