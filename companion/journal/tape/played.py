@@ -56,7 +56,7 @@ class PlayedGuard:
 
     def believe(self, decoded: Decoded, sender: int, now_s: float) -> Decoded:  # noqa: ARG002
         """As much as then."""
-        if self._tape.next_verdict() == YES or decoded.said is None:
+        if self._count_refusal(self._tape.next_verdict()) == YES or decoded.said is None:
             return decoded
         return Decoded(decoded.version, without_word(decoded.said), decoded.pos_ned_m)
 

@@ -64,9 +64,9 @@ class RecordedGuard:
         return self._guard.boots()
 
     def believe(self, decoded: Decoded, sender: int, now_s: float) -> Decoded:
-        """The guard's answer: all of it, or what slows alone."""
+        """The guard's answer: all of it, or what slows alone, and why a manifest that had waited counts nothing."""
         believed = self._guard.believe(decoded, sender, now_s)
-        self._tape.put_verdict(believed is decoded)
+        self._tape.put_verdict(YES if believed is decoded else self._refusal())
         return believed
 
     def seal(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> bytes:
