@@ -5,8 +5,8 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 READY := $(VENV)/.ready
 COMPILED := $(VENV)/.compiled
-SOURCES := $(wildcard mission/common/*.py mission/stand/*.py companion/core/*.py companion/core/*/*.py companion/core/*/*/*.py companion/mavlink/*.py companion/mavlink/*/*.py companion/journal/*.py companion/survey/*.py \
-  sim_bridge/world/*.py sim_bridge/world/*/*.py sim_bridge/world/*/*/*.py sim_bridge/drive/*.py sim_bridge/drive/*/*.py sim_bridge/judge/*.py sim_bridge/lab/study/ours.py)
+SOURCES := $(wildcard mission/common/*.py mission/stand/*.py companion/core/*.py companion/core/*/*.py companion/core/*/*/*.py companion/mavlink/*.py companion/mavlink/*/*.py companion/journal/*.py companion/journal/*/*.py companion/sensors/*.py companion/survey/*.py \
+  sim_bridge/world/*.py sim_bridge/world/*/*.py sim_bridge/world/*/*/*.py sim_bridge/drive/*.py sim_bridge/drive/*/*.py sim_bridge/judge/*.py sim_bridge/lab/study/ours.py sim_bridge/trunk_attenuation.py)
 DEV_READY := $(VENV)/.ready-dev
 MISSION ?= mission/examples/lone_tree.toml
 FLY ?=

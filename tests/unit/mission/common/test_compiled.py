@@ -114,3 +114,12 @@ def test_every_source_that_setup_names_is_there() -> None:
     """One that has moved would fly uncompiled, and nothing would say so."""
     patterns, pure = setup_tables()
     assert [name for name in (*patterns, *pure) if not any(PACKAGE.parent.glob(name))] == []
+
+
+def test_make_compiles_anew_when_any_source_that_is_compiled_has_changed() -> None:
+    """The Makefile's list is of patterns, too: one that is not in it would fly uncompiled after a pull."""
+    makefile = (PACKAGE.parent / "Makefile").read_text(encoding="utf-8").replace("\\\n", " ")
+    (line,) = [line for line in makefile.splitlines() if line.startswith("SOURCES :=")]
+    patterns = line.partition("wildcard ")[2].removesuffix(")").split()
+    watched = {file for pattern in patterns for file in PACKAGE.parent.glob(pattern)}
+    assert {str(file.relative_to(PACKAGE.parent)) for file in {*compiled_sources()} - watched} == set()
