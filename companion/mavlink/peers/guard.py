@@ -190,11 +190,11 @@ class SignedGuard:
         found = manifests.read_manifest(frame)
         if found is None:
             return False
-        if not self._is_due(sender, found[0], now_s):
+        if not self._is_due(sender, found[0], found[2], now_s):
             return True
         stream = self._streams.get(sender)
         if stream is not None and stream.boot == found[0].boot and stream.is_known(found[0], now_s):
-            stream.waiting = Waiting(*found, now_s)
+            stream.put_off(Waiting(*found, now_s))
         elif self._holds_signature(sender, *found, now_s):
             self._take_manifest(sender, found[0], now_s)
         return True
@@ -206,14 +206,14 @@ class SignedGuard:
     def boots(self) -> dict[int, int]:
         return {sender: stream.boot for sender, stream in self._streams.items()}
 
-    def _is_due(self, sender: int, manifest: Manifest, now_s: float) -> bool:
-        """Of a member, and newer than the last."""
+    def _is_due(self, sender: int, manifest: Manifest, signature: bytes, now_s: float) -> bool:
+        """Of a member, newer than the last that held, and none that was put off before."""
         if sender not in self._session.verifiers:
             self.refused["of no member"] += 1
             self._report_text(f"vehicle {sender} is not of this fleet, or revoked: ignored", now_s)
             return False
         stream = self._streams.get(sender)
-        if stream is not None and manifest.boot == stream.boot and manifest.last <= stream.vouched:
+        if stream is not None and manifest.boot == stream.boot and stream.has_heard(manifest, signature):
             self.refused["repeated"] += 1
             return False
         if sender == self._session.me and manifest.boot == self._session.boot:

@@ -84,6 +84,7 @@ class Stream:
         "_keys",
         "_marks",
         "_proven_s",
+        "_put_off",
         "_word",
         "boot",
         "heard_s",
@@ -96,7 +97,8 @@ class Stream:
         self.boot: Final = boot
         self.heard_s = now_s  # its last frame that was taken
         self.vouched = -1  # `last` of its newest manifest
-        self.waiting: Waiting | None = None  # the last manifest that told nothing new
+        self.waiting: Waiting | None = None  # the newest manifest that told nothing new
+        self._put_off: deque[bytes] = deque(maxlen=HEARD_MAX)  # signatures of such: whoever repeats them tells nothing
         # Of frames that manifests name, and of others: whoever makes one of those in its name silences none of these.
         self._marks = {True: Mark(mark, now_s), False: Mark(mark, now_s)}
         self._keys: dict[int, bytes] = {}  # by epoch
@@ -139,10 +141,21 @@ class Stream:
         said = self._newest_said(manifest)
         return self._names_all(manifest) and (said is None or word_of(said) == self._word)
 
+    def put_off(self, waiting: Waiting) -> None:
+        """A manifest that `is_known`: its signature is checked if no newer one comes."""
+        self._put_off.append(waiting.signature)
+        if self.waiting is None or waiting.manifest.last > self.waiting.manifest.last:
+            self.waiting = waiting
+
+    def has_heard(self, manifest: Manifest, signature: bytes) -> bool:
+        """A manifest that is not newer than the last that held, or was put off before."""
+        return manifest.last <= self.vouched or signature in self._put_off
+
     def vouch(self, manifest: Manifest, now_s: float) -> bool:
         """Its newest manifest. False: somebody else has made frames in its name."""
         self.vouched = last = manifest.last
-        self.waiting = None
+        if self.waiting is not None and self.waiting.manifest.last <= last:
+            self.waiting = None
         clean = self._names_all(manifest)
         if clean:
             self._proven_s = now_s

@@ -7,7 +7,7 @@ from dataclasses import replace
 from companion.keys.crypto import Verifier
 from companion.mavlink.framing import wire
 from companion.mavlink.peers.guard import CHECKS_MAX
-from companion.mavlink.peers.stream import PROVEN_S
+from companion.mavlink.peers.stream import CHECKED_S, PROVEN_S
 from tests.unit.core.core_kit import beacon, lease
 from tests.unit.mavlink.signing_kit import PERIOD_S, Node, beacon_frame, exchange, guard, keyring, met, seed
 from tests.unit.mavlink.test_signing import forged
@@ -117,3 +117,77 @@ def test_an_old_manifest_that_is_sent_again_opens_no_way_for_old_frames() -> Non
     two.receive([manifest], now_s + PROVEN_S)
     assert not two.guard.admits(record, now_s + PROVEN_S, named=False)
     assert two.guard.refused["repeated"] == 1
+
+
+def after_a_check() -> tuple[Node, Node, CountingVerifier, float]:
+    """A sender, who has just had a manifest of it checked, the count of such checks since, and the time."""
+    one, (two, verifier) = Node(1), counted(2, 1)
+    now_s, before = exchange([one, two], 100.0, 25), verifier.count
+    while verifier.count == before:
+        now_s = exchange([one, two], now_s, 1)
+    verifier.count = 0
+    return one, two, verifier, now_s
+
+
+def put_off() -> tuple[Node, Node, CountingVerifier, list[bytes], float]:
+    """The same after manifests that were put off, and these."""
+    one, two, verifier, now_s = after_a_check()
+    manifests: list[bytes] = []
+    for _ in range(30):
+        frames = one.send(now_s)
+        two.receive(frames, now_s)
+        manifests += frames[1:]
+        now_s = round(now_s + PERIOD_S, 6)
+    assert (len(manifests), verifier.count) == (3, 0)
+    return one, two, verifier, manifests, now_s
+
+
+def test_an_old_manifest_that_was_put_off_takes_no_newer_ones_place() -> None:
+    """Repeated by somebody without a key, it would leave beacons unproven that a newer one, heard before, proves."""
+    _, two, _, manifests, now_s = put_off()
+    stream = two.guard._streams[1]
+    waiting = stream.waiting
+    two.guard.refused.clear()
+    two.receive(manifests, now_s)
+    assert two.guard.refused["repeated"] == len(manifests)
+    assert stream.waiting is waiting
+
+
+def test_an_old_manifest_that_was_put_off_is_not_checked_when_one_is_due_again() -> None:
+    one, two, verifier, manifests, now_s = put_off()
+    two.receive(manifests, now_s + CHECKED_S)
+    assert verifier.count == 0
+    two.receive(one.send(now_s + CHECKED_S), now_s + CHECKED_S)
+    assert verifier.count == 1
+
+
+def test_a_manifest_that_comes_late_takes_no_newer_ones_place() -> None:
+    """Kept back by somebody without a key, and then let through: it is heard for the first time."""
+    one, two, _, now_s = after_a_check()
+    manifests: list[bytes] = []
+    while len(manifests) < 2:
+        beacon_alone, *manifest = one.send(now_s)
+        two.receive([beacon_alone], now_s)
+        manifests += manifest
+        now_s = round(now_s + PERIOD_S, 6)
+    early, late = manifests
+    two.receive([late], now_s)
+    waiting = two.guard._streams[1].waiting
+    assert waiting is not None
+    two.receive([early], now_s)
+    assert two.guard._streams[1].waiting is waiting
+
+
+def test_a_manifest_that_comes_late_and_is_checked_leaves_a_newer_one() -> None:
+    one, two, verifier, now_s = after_a_check()
+    kept_back: list[bytes] = []
+    while not kept_back:
+        beacon_alone, *kept_back = one.send(now_s)
+        two.receive([beacon_alone], now_s)
+        now_s = round(now_s + PERIOD_S, 6)
+    now_s = exchange([one, two], now_s, 12)
+    waiting = two.guard._streams[1].waiting
+    assert (waiting is not None, verifier.count) == (True, 0)
+    two.receive(kept_back, now_s + CHECKED_S)
+    assert verifier.count == 1
+    assert two.guard._streams[1].waiting is waiting
