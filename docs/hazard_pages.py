@@ -195,7 +195,7 @@ def _is_event(name: str) -> bool:
         case "refused":
             return f'"{what}"' in _companion_source()
         case "text":
-            return max(re.split("[#:]", what), key=len).strip() in _companion_source()
+            return max(re.split("vehicle #|[#:]", what), key=len).strip() in _companion_source()
     return kind in ("dropped", "own motion")
 
 

@@ -19,6 +19,7 @@ from companion.core.vehicle.failsafe import TABLE
 from companion.core.vehicle.flight_table import TRANSITIONS
 from companion.mavlink.orders.book import REASONS
 from companion.mavlink.orders.desk import NEEDS_KEY
+from companion.mavlink.peers.session import TWINS
 from mission import __version__
 from mission.document.load import load_mission
 from sim_bridge.lab.study.load import load_study
@@ -203,7 +204,7 @@ def test_every_message_of_radio_and_orders_is_explained_to_its_operator() -> Non
     folder = ROOT / "companion" / "mavlink"
     said = {text for module in folder.rglob("*.py") for text in said_by(module)}
     assert {"is there twice: the later is ignored", "sends unsigned frames: ignored", "order obeyed:"} <= said
-    said = (said | {*REASONS.values(), NEEDS_KEY}) - {"not saved:"}  # the name of a reason
+    said = (said | {*REASONS.values(), *TWINS.values(), NEEDS_KEY}) - {"not saved:"}  # the name of a reason
     assert not sorted(text for text in said if text not in MESSAGES)
 
 

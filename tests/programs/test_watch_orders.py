@@ -261,7 +261,7 @@ def test_terminal_still_orders_beside_the_page(folder: Path) -> None:
         stream.close()
         desk.close()
         process.send_signal(signal.SIGINT)
-        assert process.communicate(timeout=LIMIT_S)[1] == "companion watch: another companion flies as vehicle 253\n"
+        assert process.communicate(timeout=LIMIT_S)[1] == "companion watch: another program orders with this key\n"
     finally:
         vehicles.close()
         process.kill()

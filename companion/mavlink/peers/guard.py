@@ -23,7 +23,7 @@ from companion.mavlink.peers.frame_mac import (
     seal,
 )
 from companion.mavlink.peers.manifest import MANIFEST_ID, Manifest
-from companion.mavlink.peers.session import Session
+from companion.mavlink.peers.session import Session, name_of, twin_of
 from companion.mavlink.peers.stream import Stream, Waiting, Word, word_of
 from companion.mavlink.schema.tables.signing import ECHOES_MAX, MACS_MAX
 
@@ -210,7 +210,7 @@ class SignedGuard:
         """Of a member, newer than the last that held, and none that was put off before."""
         if sender not in self._session.verifiers:
             self.refused["of no member"] += 1
-            self._report_text(f"vehicle {sender} is not of this fleet, or revoked: ignored", now_s)
+            self._report_text(f"{name_of(sender)} is not of this fleet, or revoked: ignored", now_s)
             return False
         stream = self._streams.get(sender)
         if stream is not None and manifest.boot == stream.boot and stream.has_heard(manifest, signature):
@@ -245,7 +245,7 @@ class SignedGuard:
             self._note_newcomer(sender, manifest.boot, now_s)
             if is_new:  # it hears this vehicle, and has its key
                 self.cloned = True
-                self._report_text(f"another companion flies as vehicle {sender}", now_s, Severity.CRITICAL)
+                self._report_text(twin_of(sender), now_s, Severity.CRITICAL)
             return
         if stream is None or stream.boot != manifest.boot:
             self._note_newcomer(sender, manifest.boot, now_s)
@@ -254,7 +254,7 @@ class SignedGuard:
                 return
             if stream is not None and now_s - stream.heard_s < ALIVE_S:
                 self.refused["twice"] += 1
-                self._report_text(f"vehicle {sender} is there twice: the later is ignored", now_s, Severity.CRITICAL)
+                self._report_text(f"{name_of(sender)} is there twice: the later is ignored", now_s, Severity.CRITICAL)
                 return
             stream = self._streams[sender] = Stream(manifest.boot, manifest.last, now_s)
             del self._newcomers[sender]
@@ -263,7 +263,7 @@ class SignedGuard:
     def _vouch(self, stream: Stream, sender: int, manifest: Manifest, now_s: float) -> None:
         if not stream.vouch(manifest, now_s):
             self.refused["disowned"] += 1
-            self._report_text(f"somebody speaks as vehicle {sender}: it only slows", now_s, Severity.CRITICAL)
+            self._report_text(f"somebody speaks as {name_of(sender)}: it only slows", now_s, Severity.CRITICAL)
 
     def _note_newcomer(self, sender: int, boot: int, now_s: float) -> None:
         """To be echoed, beside the boot that was met, which no flood of recordings takes from the echoes."""
@@ -326,7 +326,7 @@ class SignedGuard:
     def _report_sender(self, sender: int, what: str, now_s: float) -> None:
         """Of another member alone: anybody may send in 255 names, and each text costs the autopilot's link."""
         if sender in self._session.verifiers and sender != self._session.me:
-            self._report_text(f"vehicle {sender} {what}", now_s)
+            self._report_text(f"{name_of(sender)} {what}", now_s)
 
     def _report_text(self, text: str, now_s: float, severity: Severity = Severity.WARNING) -> None:
         if now_s - self._told_s.get(text, -math.inf) >= TOLD_S and len(self._told_s) < 1024:

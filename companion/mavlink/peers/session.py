@@ -12,6 +12,18 @@ from companion.keys.keyring import OPERATOR, Keyring
 
 BASE_ID: Final = 254  # system id of the base station: vehicles go to 250, and 255 is the ground station's
 OPERATOR_ID: Final = 253  # of whoever orders: both have the operator's keyring
+_NAMES: Final = {BASE_ID: "the base station", OPERATOR_ID: "the operator"}
+TWINS: Final = {BASE_ID: "another base station has this key", OPERATOR_ID: "another program orders with this key"}
+
+
+def name_of(node: int) -> str:
+    """A node of the swarm's radio by its system id, in words."""
+    return _NAMES.get(node, f"vehicle {node}")
+
+
+def twin_of(node: int) -> str:
+    """The warning that another program has the key of this node."""
+    return TWINS.get(node, f"another companion flies as vehicle {node}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ import pytest
 from companion.core.model.beacon import Candidate, PeerReport
 from companion.core.model.states import FlightState, Severity, SwarmPhase
 from companion.keys.crypto import Signer
+from companion.keys.keyring import OPERATOR
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink.beacon import COMPONENT
 from companion.mavlink.framing import wire
@@ -16,7 +17,7 @@ from companion.mavlink.own_messages import decode_beacon
 from companion.mavlink.peers.frame_mac import mac_of, seal
 from companion.mavlink.peers.guard import CHECKS_MAX, CHECKS_S, OpenGuard, without_word
 from companion.mavlink.peers.manifest import MANIFEST_ID, Manifest, encode_manifest, read_manifest
-from companion.mavlink.peers.session import open_session
+from companion.mavlink.peers.session import BASE_ID, OPERATOR_ID, name_of, open_session
 from companion.mavlink.peers.stream import AHEAD_S, CHECKED_S, PROVEN_S, Stream
 from tests.unit.core.core_kit import BEACON, lease
 from tests.unit.mavlink.signing_kit import PERIOD_S, Node, keyring, met
@@ -241,3 +242,12 @@ def test_a_frame_with_a_wrong_mac_is_counted_as_forged() -> None:
 def test_a_radio_without_keys_grounds_nobody() -> None:
     open_guard = OpenGuard()
     assert (open_guard.cloned, open_guard.flags, dict(open_guard.refused)) == (False, 0, {})
+
+
+def test_the_operator_is_named_so() -> None:
+    """Its system id tells a reader nothing."""
+    one = Node(1)
+    other = Node(OPERATOR_ID, ring=keyring(OPERATOR, secret=b"o" * 32))
+    one.receive(other.send(100.0), 100.0)
+    assert one.texts == ["the operator has another key, or another mission file: ignored"]
+    assert (name_of(BASE_ID), name_of(3)) == ("the base station", "vehicle 3")
