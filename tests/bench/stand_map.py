@@ -24,7 +24,10 @@ from sim_bridge.judge.metrics.stems import NEAR_M, THIN_M
 from sim_bridge.judge.run_folder import MISSION_NAME
 
 Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 FAR_M = 1e6  # more than any: no pair
+DIAMETER = 2  # column of a map: east, north, DBH and its standard error, metres
+COLUMNS = (("east_m", 1.0), ("north_m", 1.0), ("dbh_cm", 0.01), ("dbh_sd_cm", 0.01))
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +38,9 @@ class Compared:
     trees: int
     dbh_off_m: Floats
     dbh_sd_m: Floats
-    place_off_m: Floats
+    tree: Ints  # of each such stem, its tree
+    place_m: Floats  # where they are told to be, n x 2: east, north,
+    off_m: Floats  # less where their trees stand
 
     def said(self) -> str:
         """In lines."""
@@ -46,20 +51,27 @@ class Compared:
             lines += [
                 f"DBH: RMSE {_rms(off_cm):.2f} cm, bias {float(off_cm.mean()):+.2f} cm, "
                 f"{within:.0%} within two of their standard errors",
-                f"place: RMSE {_rms(self.place_off_m):.2f} m, level",
+                f"place: RMSE {_rms(np.hypot(*self.off_m.T)):.2f} m, level",
             ]
         return "\n".join(lines)
 
 
 def compare(told: Floats, trees: Floats) -> Compared:
     """`told`: east, north, DBH and its standard error of each stem; `trees`: east, north, DBH. Metres."""
-    trees = trees[trees[:, 2] >= THIN_M]
-    apart_m = cdist(told[:, :2], trees[:, :2])
+    thick = np.flatnonzero(trees[:, DIAMETER] >= THIN_M)
+    apart_m = cdist(told[:, :2], trees[thick, :2])
     stem, tree = linear_sum_assignment(np.where(apart_m < NEAR_M, apart_m, FAR_M))
     near = apart_m[stem, tree] < NEAR_M
-    stem, tree = stem[near], tree[near]
-    off_m = told[stem, 2] - trees[tree, 2]
-    return Compared(len(told), len(stem), off_m, told[stem, 3], apart_m[stem, tree])
+    stem, tree = stem[near], thick[tree[near]]
+    dbh_off_m, off_m = told[stem, DIAMETER] - trees[tree, DIAMETER], told[stem, :2] - trees[tree, :2]
+    return Compared(len(told), len(stem), dbh_off_m, told[stem, 3], tree, told[stem, :2], off_m)
+
+
+def read_map(run: Path) -> Floats:
+    """The counted stems of a run folder's map: east, north, DBH and its standard error, metres."""
+    with (run / STAND_FOLDER / "stems.csv").open(encoding="utf-8", newline="") as text:
+        rows = [row for row in csv.DictReader(text) if row["counted"] == "1"]
+    return np.asarray([[unit * float(row[name]) for name, unit in COLUMNS] for row in rows]).reshape(-1, 4)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -69,12 +81,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     run = parser.parse_args(argv).run
     file = run / MISSION_NAME
     stand = resolve_stand(load_mission(file), file)
-    with (run / STAND_FOLDER / "stems.csv").open(encoding="utf-8", newline="") as text:
-        rows = [row for row in csv.DictReader(text) if row["counted"] == "1"]
-    columns = (("east_m", 1.0), ("north_m", 1.0), ("dbh_cm", 0.01), ("dbh_sd_cm", 0.01))
-    told = np.asarray([[unit * float(row[name]) for name, unit in columns] for row in rows]).reshape(-1, 4)
     trees = np.asarray([(t.east_m, t.north_m, 2.0 * t.radius_m) for t in stand.trees]).reshape(-1, 3)
-    print(compare(told, trees).said())
+    print(compare(read_map(run), trees).said())
     return 0
 
 

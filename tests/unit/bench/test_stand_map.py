@@ -24,7 +24,8 @@ def test_a_tree_belongs_to_one_stem_and_the_other_is_false() -> None:
     found = compare(told, TREES)
     assert (found.stems, found.trees) == (3, 2)
     assert found.dbh_off_m.tolist() == pytest.approx([0.01, -0.03])
-    assert found.place_off_m.tolist() == pytest.approx([0.1, 0.2])
+    assert found.off_m.ravel().tolist() == pytest.approx([0.1, 0.0, 0.0, 0.2])
+    assert found.tree.tolist() == [0, 1]
     assert "3 counted stems: 2 are trees, 1 none" in found.said()
     assert "bias -1.00 cm, 50% within" in found.said()
 
