@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Self
 
-from companion.core.localisation.gnss_denied.own_ranges import MEASURED_S
+from companion.core.localisation.integrity.own_ranges import MEASURED_S
 from companion.core.model.events import Event, Ranges
 from companion.core.vehicle.autopilot_state import Delay
 from companion.mavlink import dialect
@@ -18,25 +18,25 @@ GAP_MAX_S = 2.0  # twice what the slowest radio takes (ranging.rate_hz)
 
 
 class RangeRadio(SensorSource):
-    """A vehicle's range radio, in a mission in which not all have GNSS (swarm.gnss)."""
+    """A vehicle's range radio, in a mission with [ranging]."""
 
     NAME = "ranges"
     TITLE = "range radio"
     MESSAGES = {dialect.MAVLINK_MSG_ID_SWARM_RANGES: "SWARM_RANGES"}  # noqa: RUF012
-    HELP = "SWARM_RANGES of a range radio, in a mission with swarm.gnss"
+    HELP = "SWARM_RANGES of a range radio, in a mission with [ranging]"
     ABOUT = (
-        "In a mission in which not all have GNSS (`swarm.gnss`): the range radio is heard on a sensor's link, "
+        "In a mission with `[ranging]`: the range radio is heard on a sensor's link, "
         "with the vehicle's own system id, has measured vehicles of the mission and nothing else, and has no gap above "
         f"{GAP_MAX_S:g} s. A warning: some of the others were not measured. At least one other's radio must be on."
     )
-    UNUSED = "has GNSS on all vehicles (swarm.gnss), so nothing would fly by this radio"
+    UNUSED = "has no [ranging], so nothing would go by this radio"
     STALE = "no range that is fresh"
-    NEEDS_LINK = "not all vehicles have GNSS (swarm.gnss)"
+    NEEDS_LINK = "it has [ranging]"
 
     @classmethod
     def is_flown(cls, mission: Mission) -> bool:
-        """True if some vehicle of the mission has no satellites."""
-        return mission.flies_by_ranges
+        """True if it says that vehicles have range radios."""
+        return mission.ranging is not None
 
     @classmethod
     def of(cls, _mission: Mission) -> Self:

@@ -70,10 +70,9 @@ def _idle(mission: Mission) -> Iterator[str]:
         return
     swarm, sim = mission.swarm, mission.sim
     said = {
-        "[ranging]": mission.ranging is not None,
         "swarm.position_error_max_m": swarm.position_error_max_m != Swarm().position_error_max_m,
         "swarm.position_uncertain": swarm.position_uncertain is not Swarm().position_uncertain,
-        "[sim.ranging]": sim.ranging != RangingErrors(),
+        "[sim.ranging]": sim.ranging != RangingErrors() and mission.ranging is None,
         "[sim.odometry]": sim.odometry != OdometryErrors(),
     }
     idle = [key for key, is_said in said.items() if is_said]

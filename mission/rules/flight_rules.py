@@ -228,8 +228,8 @@ def _fault_needs(mission: MissionTables, fault: Fault, path: Path) -> Iterator[C
         if without:
             message = f"{fault.kind.value} of vehicle {without[0]} {need.value}"
             yield Conflict(((*path, "vehicles"), ("swarm", "gnss")), shown(fault.vehicles), message)
-    elif (need is Needs.SENSING and mission.sensing is None) or (need is Needs.RANGING and not mission.flies_by_ranges):
-        where: Path = ("sensing",) if need is Needs.SENSING else ("swarm", "gnss")
+    elif (need is Needs.SENSING and mission.sensing is None) or (need is Needs.RANGING and mission.ranging is None):
+        where: Path = ("sensing",) if need is Needs.SENSING else ("ranging",)
         yield Conflict(((*path, "kind"), where), shown(fault.kind.value), need.value)
 
 

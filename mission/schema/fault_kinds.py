@@ -25,7 +25,7 @@ class Needs(Enum):
 
     NOTHING = ""
     SENSING = "needs [sensing]: without it no vehicle has an obstacle sensor"
-    RANGING = "needs a mission in which not all have GNSS (swarm.gnss): no other has range radios"
+    RANGING = "needs [ranging]: without it no vehicle has a range radio"
     SATELLITES = "is of satellites, which by swarm.gnss it does not have"
 
 

@@ -490,18 +490,21 @@ class Survey(Table):
 
 
 class Ranging(Table):
-    """The range radio that every vehicle carries where not all have GNSS, and where they start."""
+    """The range radio that every vehicle carries, and where they start.
+
+    Where not all have GNSS they fly by it; where all have, positions are held against it.
+    """
 
     start_enu_m: Annotated[
         tuple[tuple[Coordinate, Coordinate, Coordinate], ...],
         Field(
-            min_length=2,
             max_length=MAX_VEHICLES,
             examples=[[[-4.0, -4.0, 0.0], [4.0, -4.0, 0.0], [4.0, 4.0, 0.0], [-4.0, 4.0, 0.0]]],
             description="Where vehicle 1, 2, ... stands at the start: east, north in metres from the origin, to "
-            "within about 0.5 m, and 0: on the ground, wherever it is. At least as many as swarm.size.",
+            "within about 0.5 m, and 0: on the ground, wherever it is. At least as many as swarm.size, where not all "
+            "have GNSS; else of no account.",
         ),
-    ]
+    ] = ()
     reach_m: Annotated[
         Number, Field(ge=5.0, le=500.0, description="How far apart two vehicles still measure their distance.")
     ] = 25.0

@@ -3,7 +3,8 @@
 Whole flights on JSBSim: who is struck, by what, when, which way and how fast, how many fly, the stand's density, the
 sensor and the wind are drawn; each is flown again without the fault, for false alarms. With `--open-loop` one vehicle
 flies its course alone (see `fix_traces`), which is cheap: error when noticed, and false alarms; with `--velocities`
-one whose position leaves its velocity under the open sky (see `velocity_errors`).
+one whose position leaves its velocity under the open sky (see `velocity_errors`); with `--open-sky` swarms fly on point
+masses where nothing else tells a position, with range radios and without.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from sim_bridge.drive import fly as bridge
 from sim_bridge.judge.progress import Progress
 from sim_bridge.world.world import DEFAULT_ORIGIN
 from tests.bench.fix_traces import HOVERS_S, Led, trace
+from tests.bench.open_sky import report_open_sky
 from tests.bench.own_motion import LENGTH_S, SENSORS
 from tests.bench.table import spread
 from tests.bench.velocity_errors import report_velocities
@@ -216,7 +218,13 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument(
         "--velocities", type=int, default=0, metavar="N", help="N runs against the own velocity instead"
     )
+    parser.add_argument(
+        "--open-sky", type=int, default=0, metavar="N", help="N flights where nothing else tells instead"
+    )
     args = parser.parse_args(argv)
+    if args.open_sky:
+        report_open_sky(args.open_sky, args.first_seed)
+        return 0
     if args.velocities:
         report_velocities(args.velocities, args.first_seed)
         return 0

@@ -1,6 +1,7 @@
 """Own positions that jump, freeze or are led astray, in whole flights: in truth nobody touches, or leaves the fence.
 
-Without what holds them these flights end in a contact, 72 m outside of the fence, on the ground, 5.3 and 3.8 m outside.
+Without what holds them these flights end in a contact, 72 m outside of the fence, on the ground, 5.3 and 3.8 m outside,
+and two vehicles 1.4 and 2.5 m apart.
 """
 
 from __future__ import annotations
@@ -86,6 +87,36 @@ def test_in_the_open_a_leader_whose_position_leaves_its_velocity_goes_by_that_an
     assert outcome.metrics.fence_exceeded_m <= FENCE_M
     assert "vehicle 1: position doubted: off its velocity" in shown
     assert "vehicle 1: land: position doubted for 15 s" in shown
+
+
+@pytest.mark.parametrize(("vehicle", "drift_mps"), [(1, (0.0, 0.5)), (3, (0.3, 0.0))])
+def test_in_the_open_range_radios_show_a_fix_that_is_led_astray(
+    vehicle: int, drift_mps: tuple[float, float], tmp_path: Path
+) -> None:
+    """Nothing else does: position and velocity drift together."""
+    tables = with_fault("gnss-drift", vehicle, drift_mps=drift_mps, for_s=60.0).model_dump(by_alias=True)
+    tables["swarm"]["size"] = 6
+    tables["ranging"] = {"reach_m": 40.0}
+    outcome, shown = flown(Mission.model_validate(tables), tmp_path)
+    assert outcome.metrics.contacts == 0
+    assert outcome.metrics.fence_exceeded_m <= FENCE_M
+    assert (outcome.metrics.min_separation_m or 0.0) >= 4.5
+    said = [line for line in shown.splitlines() if "position doubted: GNSS led astray" in line]
+    assert [f"vehicle {vehicle}:" in line for line in said] == [True], shown
+    began = next(line for line in shown.splitlines() if "fault: GNSS" in line)
+    assert sum(drift_mps) * (float(said[0].split()[0]) - float(began.split()[0])) < 5.0
+    assert outcome.summary["grade"] == Grade.DEGRADED, shown
+
+
+def test_ranges_that_trunks_make_too_long_lead_nobody_astray(tmp_path: Path) -> None:
+    """400 trees/ha, some ranges too long by a metre for as long as a trunk stands between: no alarm, all arrive."""
+    tables = tomllib.loads((EXAMPLES / "natural_stand.toml").read_text())
+    tables["swarm"]["size"] = 5
+    tables["ranging"] = {"reach_m": 30.0}
+    tables["sim"] |= {"seed": 12, "estimates": "recorded", "time_limit_s": 250.0}
+    outcome, shown = flown(Mission.model_validate(tables).with_origin(DEFAULT_ORIGIN), tmp_path)
+    assert "doubted" not in shown
+    assert outcome.summary["grade"] == Grade.ARRIVED, shown
 
 
 def test_among_trees_a_leader_that_is_led_astray_drops_its_fix_before_15_m(tmp_path: Path) -> None:

@@ -1,19 +1,23 @@
 """Localisation where all vehicles receive GNSS: a neighbour is at the difference of two reported positions.
 
 Its velocity is reported too, and corrected by how its position changes (`velocity_bias`). The own velocity is corrected
-alike. Nothing here is uncertain, so what the other implementation has to say of that is neutral.
+alike. Nothing here is uncertain, so what the other implementation has to say of that is neutral. Where vehicles have
+range radios, positions are held against what these measure (`range_check`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import final
 
 from companion.core.localisation.dead_reckoning import DeadReckoning
+from companion.core.localisation.integrity.range_check import RangeCheck
 from companion.core.localisation.localiser import Localiser
 from companion.core.model.actions import SendBeacon
 from companion.core.model.beacon import Beacon, PeerReport, RelativeReport
+from companion.core.model.displaced import Displaced
 from companion.core.model.events import HeardBeacon, Position, Ranges, Satellites
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import FlightState, LandedState, Role
@@ -32,6 +36,7 @@ class GnssLocaliser(Localiser):
         super().__init__(mission, me, corrects_velocity=True)
         self._bias = VelocityBias()  # of the own velocity
         self._reckoning = DeadReckoning()
+        self._check = None if mission.ranging is None else RangeCheck(me, mission.swarm.size)
 
     @property
     def may_lose_position(self) -> bool:
@@ -86,7 +91,14 @@ class GnssLocaliser(Localiser):
         return self._reckoning.error_m(now_s)
 
     def receive_ranging(self, event: Ranges | RelativeReport, now_s: float) -> None:
-        """Of no account."""
+        """Ranges, to hold positions against; nobody reports odometry."""
+        if self._check is not None and isinstance(event, Ranges) and not self.is_backlog(now_s):
+            self._check.receive(event.ranges, now_s)
+
+    @property
+    def displaced(self) -> Displaced | None:
+        """By ranges to three neighbours at least."""
+        return None if self._check is None else self._check.displaced
 
     def update_landed_state(self, landed: LandedState, *, waits: bool) -> None:
         """Of no account."""
@@ -144,8 +156,14 @@ class GnssLocaliser(Localiser):
     def _advance(self, now_s: float) -> None:
         pass
 
-    def _correct_silent(self, silent: dict[int, PeerReport], now_s: float) -> dict[int, PeerReport]:  # noqa: ARG002
-        return silent
+    def _correct_silent(self, silent: dict[int, PeerReport], now_s: float) -> dict[int, PeerReport]:
+        check = self._check
+        if check is None:
+            return silent
+        return {k: replace(seen, rel_ned_m=check.near_ned_m(k, seen.rel_ned_m, now_s)) for k, seen in silent.items()}
 
-    def _correct_neighbours(self, own_pos_ned_m: Vec3, now_s: float) -> None:
-        pass
+    def _correct_neighbours(self, own_pos_ned_m: Vec3, now_s: float) -> None:  # noqa: ARG002
+        check = self._check
+        if check is not None:
+            check.update(self.neighbours, now_s)
+            self.neighbours = [check.bring_near(neighbour, now_s) for neighbour in self.neighbours]

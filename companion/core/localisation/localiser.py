@@ -18,6 +18,7 @@ from companion.core.localisation.peer_table import RANGE_SLACK, PeerTable
 from companion.core.localisation.silence_reports import SAY_AFTER_S, SilenceReports
 from companion.core.model.actions import Say, SendBeacon
 from companion.core.model.beacon import Beacon, PeerReport, RelativeReport
+from companion.core.model.displaced import Displaced
 from companion.core.model.events import HeardBeacon, Position, Ranges, Satellites
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import FlightState, LandedState, Reception, Role
@@ -110,6 +111,11 @@ class Localiser(ABC):
     def is_fix_lost(self) -> bool:
         """The fix that its position goes by is lost: what trunks tell of the way since counts more."""
         return False
+
+    @property
+    def displaced(self) -> Displaced | None:
+        """The reported position is not where ranges to the neighbours have this vehicle."""
+        return None
 
     @abstractmethod
     def note_odometry(self, off_ned_mps: Vec3, now_s: float) -> None:

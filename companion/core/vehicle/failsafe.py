@@ -149,7 +149,7 @@ class Readings(NamedTuple):
     frozen_s: float = 0.0  # INTEGRITY: the position has been repeated while the vehicle moves
     since_jump_s: float = math.inf  # since the position jumped last
     is_off: bool = False  # it has not come back since
-    is_astray: bool = False  # the fix left the way that trunks tell, or the own velocity
+    is_astray: bool = False  # the fix left the way that trunks tell, or the own velocity, or the place that ranges tell
     is_off_velocity: bool = False  # it is the own velocity's
     unseen_s: float = 0.0  # then: for how long trunks have not told the own motion
 
@@ -528,8 +528,8 @@ ROWS: tuple[Row, ...] = (
     Row(
         Cause.GNSS_ASTRAY,
         Source.INTEGRITY,
-        "its fix has left the way that trunks, or its own velocity, tell, and for {delay_s} s no trunks tell its "
-        "motion: it goes by the drift that was found, or that velocity",
+        "its fix has left the way that trunks, or its own velocity, tell, or is not where ranges have it, and for "
+        "{delay_s} s no trunks tell its motion: it goes by the drift that was found, or that velocity",
         lambda r: r.unseen_s,
         Response.HOLD,
         Clear.GONE,
@@ -636,8 +636,8 @@ ROWS: tuple[Row, ...] = (
     Row(
         Cause.POSITION_DOUBTED,
         Source.INTEGRITY,
-        "its fix has left the way that trunks, or its own velocity, tell: it flies by these for the rest of the "
-        "flight; or a jump was taken off its position, which has not come back",
+        "its fix has left the way that trunks, or its own velocity, tell, or is not where ranges have it: it flies by "
+        "these for the rest of the flight; or a jump was taken off its position, which has not come back",
         lambda r: there(r.is_astray or r.is_off),
         Response.RESIGN,
         Clear.GONE,

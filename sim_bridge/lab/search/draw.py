@@ -34,12 +34,15 @@ RAW_SHARE: Final = 0.5  # of missions with an obstacle sensor, whose lidar tells
 # the ground, and fences count from the origin
 RANGE_FINDER_SHARES: Final = {True: 0.85, False: 0.2}  # by whether they fly among trees
 ODOMETRY_SHARE: Final = 0.7  # of missions with an obstacle sensor: the autopilot is told of the own motion
+RADIOS_SHARE: Final = 0.3  # of missions in which all have satellites, that hold positions against ranges
+RADIOS_SALT: Final = 0x4AD105
+RADIO_REACHES_M: Final = (20.0, 25.0, 35.0)
 LAYERED_SHARE: Final = 0.8  # of missions with a range finder and an obstacle sensor: `mission check` asks for layers
 
 # Of what a seed draws: 2 has the faults of satellites, motors and sensors, 3 pilots, 4 raw scans and range finders,
 # 5 layers of height, 6 odometry for the autopilot, and no crowns where a height by a barometer may be, 7 an attacker in
-# half of the flights, and keys in half: without attackers it is what 6 draws
-VERSION: Final = 7
+# half of the flights, and keys in half: without attackers it is what 6 draws, 8 range radios where all have satellites
+VERSION: Final = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +101,9 @@ def draw(seed: int, attacked_share: float = ATTACKED_SHARE) -> Drawn:
             attack = draw_attack(rng, tables, signed=signed)
             tables["sim"]["faults"].append(attack)
             attacker = ATTACKERS[FaultKind(attack["kind"])]
+        radios = np.random.default_rng([RADIOS_SALT, seed, tried])  # apart: the rest of a seed stays as it was
+        if "ranging" not in tables and radios.random() < RADIOS_SHARE:
+            tables["ranging"] = {"reach_m": float(radios.choice(RADIO_REACHES_M))}
         try:
             mission = Mission.model_validate(tables)
             simulator.check(mission, f"seed {seed}")
@@ -131,7 +137,7 @@ def _tables(rng: Generator, seed: int) -> Tables:
     if density_per_ha or rng.random() < 0.4:
         tables["sensing"] = _sensing(rng)
     if only_leader:
-        tables["ranging"] = {"start_enu_m": _starts(rng, n), "reach_m": float(rng.choice([20.0, 25.0, 35.0]))}
+        tables["ranging"] = {"start_enu_m": _starts(rng, n), "reach_m": float(rng.choice(RADIO_REACHES_M))}
     is_level = "grade" not in tables["forest"]
     tables["sim"]["range_finder"] = is_level and bool(rng.random() < RANGE_FINDER_SHARES[density_per_ha > 0.0])
     tables["sim"]["faults"] = _faults(rng, n, sensing="sensing" in tables, ranging=only_leader)

@@ -120,8 +120,8 @@ class RangeRadios(SimulatedSensor):
 
 
 def range_radios_of(mission: Mission, stand: Stand, ids: Sequence[int]) -> RangeRadios | None:
-    """In a mission in which not all have GNSS."""
-    if not mission.flies_by_ranges or mission.ranging is None:
+    """In a mission with [ranging]."""
+    if mission.ranging is None:
         return None
     return RangeRadios(ids, mission.ranging, mission.sim.ranging, stand, seed=mission.sim.seed)
 

@@ -13,11 +13,11 @@ from dataclasses import replace
 from typing import Final, final
 
 from companion.core.localisation.gnss_denied.error_state import Errors, Level
-from companion.core.localisation.gnss_denied.own_ranges import OwnRanges
 from companion.core.localisation.gnss_denied.relative_filter import RelativeFilter
 from companion.core.localisation.gnss_denied.relative_state import drift_of
 from companion.core.localisation.gnss_denied.relocalisation import Relocaliser
 from companion.core.localisation.gnss_denied.start_placement import StartPlacementCheck
+from companion.core.localisation.integrity.own_ranges import OwnRanges
 from companion.core.model.beacon import Beacon, RangeTo, RelativeReport
 from companion.core.model.events import Position
 from companion.core.model.states import LandedState

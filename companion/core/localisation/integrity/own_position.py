@@ -4,6 +4,9 @@ Where all have GNSS, fixes are held against the way that trunks tell (`fix_monit
 led astray for the rest of the flight: the drift that was found is taken off what is reported, as a guess, and trunks
 correct the rest. Without trunks the guess goes on, but the vehicle holds, and lands soon.
 
+Where vehicles have range radios, the place that these tell is held against the reported one (`range_check`), and taken
+instead in the same way.
+
 While no trunks tell it, positions are held against the way by their own velocities (`velocity_way`), which finds those
 that drift while the velocity is right. The velocities' way is flown by then. A drift of both shows nothing.
 """
@@ -19,6 +22,7 @@ from companion.core.localisation.integrity.position_gate import PositionGate
 from companion.core.localisation.integrity.velocity_way import VelocityWay
 from companion.core.localisation.localiser import Localiser
 from companion.core.model.actions import SendBeacon
+from companion.core.model.displaced import Displaced
 from companion.core.model.events import HeardBeacon, Position
 from companion.core.model.vectors import ZERO, add, norm, sub
 from companion.core.perception.obstacle_perception import ObstaclePerception
@@ -74,6 +78,7 @@ class OwnPosition:
         self._way: Final = VelocityWay()
         self._velocity_monitor: Final = FixMonitor(BY_VELOCITY)
         self._astray: _Astray | None = None
+        self._ranged: Displaced | None = None  # the last that was taken
         self._error_m = 0.0  # of the position since
         self._seen_s = self._updated_s = 0.0  # when trunks told the motion last, and when it was looked at
         self.off_ned_m: Vec3 = ZERO  # position flown by less reported; 0 where all is well
@@ -91,7 +96,10 @@ class OwnPosition:
         goes_on = airborne and self._holds_fixes and self._way.update(gated, now_s)
         reported = gated if astray is None else astray.correct(gated, now_s, self._way.ne_m)
         seen = self._perception.correct_odometry(reported, now_s, reckons=is_lost or astray is not None)
-        if astray is not None:
+        displaced = localiser.displaced
+        if displaced is not None and displaced is not self._ranged and airborne and not is_lost:
+            self._take_ranged(displaced, gated, seen, now_s)
+        elif astray is not None:
             self._update_error(now_s)
         elif airborne and self._holds_fixes and not is_lost:
             self._hold_fix(gated, now_s, goes_on=goes_on)
@@ -135,6 +143,24 @@ class OwnPosition:
         self._error_m, self._seen_s, self._updated_s = FOUND_M, now_s, now_s
         self._monitor.forget()
         self._perception.reckon_from(parted.fix_ne_m, reported, parted.turned_rad)
+
+    def _take_ranged(self, displaced: Displaced, gated: Position, flown: Position, now_s: float) -> None:
+        """A place that ranges tell, against the position flown by; once it is astray, trunks tell it better."""
+        self._ranged, astray = displaced, self._astray
+        if astray is not None and self._perception.sees_motion:
+            return
+        off, drift = displaced.off_ne_m, displaced.drift_ne_mps
+        there = (flown.pos_ned_m[0] - off[0], flown.pos_ned_m[1] - off[1])
+        off = (gated.pos_ned_m[0] - there[0], gated.pos_ned_m[1] - there[1])
+        if astray is None:
+            self._seen_s = now_s
+            if self._perception.read_way(gated, now_s) is not None:
+                self._perception.reckon_from(there, gated, 0.0)
+        else:
+            drift = (drift[0] + astray.drift_ne_mps[0], drift[1] + astray.drift_ne_mps[1])
+        self._astray = _Astray(now_s, off, drift, (drift[0], drift[1], 0.0))
+        self._error_m, self._updated_s = displaced.error_m, now_s
+        self._monitor.forget()
 
     def _update_error(self, now_s: float) -> None:
         since_s, self._updated_s = now_s - self._updated_s, now_s

@@ -8,8 +8,10 @@ import pytest
 
 from companion.core.localisation.gnss_localiser import GnssLocaliser
 from companion.core.localisation.integrity.own_position import OwnPosition
+from companion.core.localisation.integrity.range_check import RangeCheck
 from companion.core.model.actions import SendBeacon
 from companion.core.model.beacon import PeerReport
+from companion.core.model.displaced import Displaced
 from companion.core.model.events import AnyScan, HeardBeacon, Position
 from companion.core.model.vectors import ZERO, sub
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
@@ -57,7 +59,8 @@ class Flown:
 
     def __init__(self) -> None:
         self.sight = Sight()
-        self.own = OwnPosition(GnssLocaliser(mission(), 1), self.sight)
+        self.localiser = GnssLocaliser(mission(), 1)
+        self.own = OwnPosition(self.localiser, self.sight)
         self.now_s, self.off_m = 100.0, 0.0
         self.told = self.flown = Position(ZERO, ZERO)
 
@@ -133,3 +136,71 @@ def test_on_the_ground_it_begins_anew() -> None:
     told = Position((3.0, 50.0, 0.0), ZERO, one.now_s + DT_S)
     assert one.own.receive(told, one.now_s + DT_S, airborne=False, commanded_ned_mps=ZERO) is told
     assert one.own.findings(one.now_s, airborne=False) == []
+
+
+def ranged(one: Flown, *off_ne_m: float, error_m: float = 1.0) -> None:
+    """Ranges have the vehicle elsewhere: reported less true position, of the one flown by."""
+    check = RangeCheck(1, 5)
+    check.displaced = Displaced((off_ne_m[0], off_ne_m[1]), (0.3, 0.0), error_m)
+    one.localiser._check = check
+
+
+def test_where_ranges_have_it_elsewhere_it_goes_by_that_place() -> None:
+    """In the open, where nothing else tells; the drift goes on as it was found."""
+    one = Flown()
+    one.sight.sees = False
+    one.fly(10.0, 0.3)
+    ranged(one, 3.0, 0.0)
+    one.fly(0.5, 0.3)
+    assert one.flown.pos_ned_m[0] == pytest.approx(0.0, abs=0.05)
+    assert one.flown.vel_ned_mps[0] == pytest.approx(0.0, abs=1e-6)
+    assert one.causes() == [Cause.POSITION_DOUBTED]
+    assert one.own.error_m(one.now_s) == pytest.approx(1.0, abs=0.2)
+    one.fly(1.0, 0.3)
+    assert one.causes() == [Cause.GNSS_ASTRAY, Cause.POSITION_DOUBTED]
+    one.fly(15.0, 0.3)
+    assert one.causes()[0] is Cause.POSITION_DOUBTED_LONG
+
+
+def test_a_second_place_that_ranges_tell_is_of_the_position_flown_by() -> None:
+    one = Flown()
+    one.sight.sees = False
+    one.fly(10.0, 0.3)
+    ranged(one, 3.0, 0.0)
+    one.fly(DT_S, 0.3)
+    ranged(one, 0.0, 2.0)
+    one.fly(2 * DT_S, 0.3)
+    assert sub(one.told.pos_ned_m, one.flown.pos_ned_m) == pytest.approx((3.0, 2.0, 0.0), abs=0.1)
+    one.fly(1.1, 0.3)
+    assert Cause.GNSS_ASTRAY in one.causes()  # since the first
+
+
+def test_where_ranges_leave_the_side_open_it_holds_where_it_is_reported() -> None:
+    one = Flown()
+    one.sight.sees = False
+    one.fly(10.0, 0.3)
+    check = RangeCheck(1, 5)
+    check.displaced = Displaced((0.0, 0.0), (0.0, 0.0), 5.0)
+    one.localiser._check = check
+    one.fly(0.5, 0.3)
+    assert one.flown.pos_ned_m == pytest.approx(one.told.pos_ned_m)
+    assert Cause.POSITION_DOUBTED_LONG in one.causes()  # 5 m are more than is flown by
+
+
+def test_trunks_go_on_from_the_place_that_ranges_tell() -> None:
+    one = Flown()
+    one.fly(2.0)
+    ranged(one, 3.0, 0.0)
+    one.fly(DT_S)
+    assert one.sight.reckons_from == pytest.approx((-3.0, one.sight.true_ne_m[1]))
+    ranged(one, 4.0, 0.0)
+    one.fly(DT_S)  # trunks tell its motion: they tell the place better
+    assert sub(one.told.pos_ned_m, one.flown.pos_ned_m) == pytest.approx((3.0, 0.0, 0.0), abs=0.1)
+
+
+def test_on_the_ground_ranges_move_nothing() -> None:
+    one = Flown()
+    one.fly(1.0)
+    ranged(one, 3.0, 0.0)
+    told = Position((3.0, 50.0, 0.0), ZERO, one.now_s + DT_S)
+    assert one.own.receive(told, one.now_s + DT_S, airborne=False, commanded_ned_mps=ZERO) is told

@@ -8,8 +8,8 @@ import pytest
 
 from companion.core.agent import TICK_S, Agent
 from companion.core.localisation.gnss_denied.localiser import LOST, GnssDeniedLocaliser
-from companion.core.localisation.gnss_denied.own_ranges import MEASURED_S
 from companion.core.localisation.gnss_denied.ranging import AWAY_M, NO_RANGES, RangingLocaliser
+from companion.core.localisation.integrity.own_ranges import MEASURED_S
 from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import AutopilotHealth, AutopilotMode, HeardBeacon, Landed, Position, Ranges
 from companion.core.model.states import FlightMode, FlightState, LandedState, SwarmPhase

@@ -138,7 +138,7 @@ def test_check_says_what_does_nothing_where_all_have_satellites(
     file = tmp_path / "all.toml"
     file.write_text(dump_mission(ranging_mission(swarm=swarm, sim={"odometry": {"yaw_deg": 4.0}})))
     assert check.run([str(file)], as_json=False) == 0
-    said = "all have GNSS (swarm.gnss): nothing comes of [ranging], swarm.position_uncertain, [sim.odometry]"
+    said = "all have GNSS (swarm.gnss): nothing comes of swarm.position_uncertain, [sim.odometry]"
     assert said in capsys.readouterr().out
     file.write_text(dump_mission(ranging_mission()))
     assert check.run([str(file)], as_json=False) == 0

@@ -34,10 +34,10 @@ class OwnRanges:
         self._unsent.clear()
         return ranges
 
-    def level_m(self, vehicle: int, down_m: float, now_s: float) -> float:
-        """The level distance to a neighbour `down_m` below; infinite: it was not measured lately."""
+    def level_m(self, vehicle: int, down_m: float, now_s: float, within_s: float = FRESH_S) -> float:
+        """The level distance to a neighbour `down_m` below; infinite: it was not measured within that time."""
         metres, measured_s = self._newest.get(vehicle, (0.0, -1e9))
-        fresh = now_s - measured_s <= FRESH_S and metres > abs(down_m)
+        fresh = now_s - measured_s <= within_s and metres > abs(down_m)
         return math.sqrt(metres * metres - down_m * down_m) if fresh else math.inf
 
     def has_measured(self, now_s: float) -> bool:
