@@ -12,6 +12,7 @@ from typing import Final, NamedTuple, Protocol, final
 
 from companion.core.agent import Agent
 from companion.core.localisation.gnss_denied.localiser import GnssDeniedLocaliser
+from companion.core.localisation.localiser import Localiser
 from companion.core.model.actions import Say
 from companion.core.model.events import LidarScan
 from companion.core.model.neighbour import find_hover_places
@@ -128,8 +129,8 @@ def scan_pose_of(agent: Agent, now_s: float) -> ScanPose | None:
         return None
     motion = perception.motion
     pos, vel = motion.correct_place(own.pos_ned_m), own.vel_ned_mps
-    bias, off = perception.velocity_bias(localiser.velocity_bias_ned_mps), localiser.offset_ned_m
-    frame_sd_m = localiser.global_localisation.sd_m if isinstance(localiser, GnssDeniedLocaliser) else FRAME_SD_M
+    bias = perception.velocity_bias(localiser.velocity_bias_ned_mps)
+    off, frame_sd_m = _find_frame(localiser, now_s)
     return ScanPose(
         pos,
         (vel[0] + bias[0], vel[1] + bias[1], vel[2] + bias[2]),
@@ -142,6 +143,17 @@ def scan_pose_of(agent: Agent, now_s: float) -> ScanPose | None:
         frame=motion.odometry.frame,
         standing_ne_m=_find_standing(agent, perception, pos, now_s),
     )
+
+
+def _find_frame(localiser: Localiser, now_s: float) -> tuple[Place, float]:
+    """The mission's frame less the own one, and its standard error, level."""
+    off = localiser.offset_ned_m
+    if not isinstance(localiser, GnssDeniedLocaliser):
+        return (off[0], off[1]), FRAME_SD_M
+    of_fix = localiser.global_localisation.told_off_ne_m(now_s)
+    if of_fix is not None:  # by the own satellites, as where all have them: what the flight goes by lags behind
+        return of_fix, FRAME_SD_M
+    return (off[0], off[1]), localiser.global_localisation.sd_m
 
 
 def _find_standing(agent: Agent, perception: SensingPerception, pos_ned_m: Vec3, now_s: float) -> list[Place]:

@@ -72,7 +72,7 @@ class Surveyor:
         self._corrections: Final = ScanCorrections()
         self._known: dict[StemRays, Floats] = {}  # states of stems in sight, as fitted with the last batch
         self._work: Iterator[list[StemObservation]] | None = None  # the batch that is being fitted
-        self._anchor_s: Final = ANCHOR_BY_RANGES_S if mission.flies_by_ranges else ANCHOR_S
+        self._anchor_s: Final = ANCHOR_S if mission.has_satellites(vehicle_id) else ANCHOR_BY_RANGES_S
         self._anchor_ne_m: tuple[float, float] | None = None  # mission's frame less the odometry's, slowly
         self._anchors: dict[StemRays, tuple[Place, Place]] = {}  # the same when a stem was tracked first and last
         self._tracked_s = -math.inf

@@ -575,6 +575,11 @@ class MissionTables(Table):
         return gnss is Gnss.ALL or self.swarm.leader_priority[:1] == (vehicle_id,)
 
     @property
+    def without_satellites(self) -> frozenset[int]:
+        """Ids of the vehicles that have no satellite positions."""
+        return frozenset(k for k in range(1, self.swarm.size + 1) if not self.has_satellites(k))
+
+    @property
     def flies_by_ranges(self) -> bool:
         """Some vehicles have no satellite positions: all find one another by odometry and ranges."""
         return not all(map(self.has_satellites, range(1, self.swarm.size + 1)))

@@ -67,7 +67,7 @@ def knots_of(columns: Columns, spacing_s: float) -> Knots:
     cell = np.floor(columns.time_s / spacing_s)
     both = np.concatenate([np.column_stack((columns.log, cell + end)) for end in (0, 1)])
     pairs, which = np.unique(both, axis=0, return_inverse=True)
-    total, count = (np.bincount(which.ravel(), w, len(pairs)) for w in (np.tile(columns.frame_sd_m**2, 2), None))
+    total, count = (np.bincount(which.ravel(), w, len(pairs)) for w in (np.tile(columns.frame_prior_sd_m**2, 2), None))
     return Knots(pairs[:, 0].astype(np.int64), pairs[:, 1] * spacing_s, np.sqrt(total / count), spacing_s)
 
 

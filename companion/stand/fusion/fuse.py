@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -57,14 +57,17 @@ class TooManyError(Exception):
     """More observations than MAX_OBSERVATIONS, or of more logs than MAX_LOGS."""
 
 
-def fuse(observations: Sequence[KeyedObservation]) -> Fusion:
-    """`observations`: sorted by key, each once, as records.harvest_of gives them."""
+def fuse(observations: Sequence[KeyedObservation], by_word: Collection[int] = ()) -> Fusion:
+    """`observations`: sorted by key, each once, as records.harvest_of gives them.
+
+    `by_word`: vehicles without satellites, which know the mission's frame by others' word.
+    """
     if len(observations) > MAX_OBSERVATIONS:
         raise TooManyError(f"{len(observations)} observations of stems: must be at most {MAX_OBSERVATIONS}")
     if not observations:
         none = np.zeros(0)
         return Fusion((), Frames(Knots(np.zeros(0, dtype=np.int64), none, none, 1.0), np.zeros((0, 2))), (), 0.0)
-    columns = columns_of(observations)
+    columns = columns_of(observations, by_word)
     if len(columns.logs) > MAX_LOGS:
         raise TooManyError(f"{len(columns.logs)} logs and restarts of their clocks: must be at most {MAX_LOGS}")
     stem, count, solution = associate_observations(columns)

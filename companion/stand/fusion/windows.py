@@ -6,7 +6,7 @@ A log here is one session of a log of records: a clock that started anew tells n
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -27,6 +27,9 @@ FRAME_SD_MIN_M: Final = 0.01
 # Of a Brownian bridge, its mean over the time between knots, with half of the frame's variance
 BETWEEN_KNOTS: Final = math.sqrt(KNOT_S / (6.0 * CORRELATION_S))
 DIAMETER_SD_MIN_M: Final = 0.002
+# A vehicle without satellites knows the mission's frame by the word of one that has them, and lags behind. Its error is
+# that of all such, and nothing that is known besides: by so much more it may err, where another tells the frame.
+BY_WORD: Final = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +43,7 @@ class Columns:
     pos_m: Floats  # n x 2
     position_sd_m: Floats  # relative to the frame at the knots: with its wandering between them
     frame_sd_m: Floats
+    frame_prior_sd_m: Floats  # as far as a log tells the mission's frame
     dbh_m: Floats
     dbh_sd_m: Floats
     logs: tuple[Session, ...]
@@ -50,8 +54,8 @@ class Columns:
         return len(self.log)
 
 
-def columns_of(observations: Sequence[KeyedObservation]) -> Columns:
-    """`observations` as they are sorted."""
+def columns_of(observations: Sequence[KeyedObservation], by_word: Collection[int] = ()) -> Columns:
+    """`observations` as they are sorted. `by_word`: vehicles without satellites."""
     logs = tuple(sorted({o.session for o in observations}))
     index = {log: k for k, log in enumerate(logs)}
     told = [o.observation for o in observations]
@@ -70,6 +74,8 @@ def columns_of(observations: Sequence[KeyedObservation]) -> Columns:
         pos_m=column([(o.north_m, o.east_m) for o in told]).reshape(-1, 2),
         position_sd_m=np.hypot(position_sd_m, BETWEEN_KNOTS * frame_sd_m),
         frame_sd_m=frame_sd_m,
+        frame_prior_sd_m=frame_sd_m
+        * np.where(np.isin(column([o.vehicle_id for o in told]), list(by_word)), BY_WORD, 1.0),
         dbh_m=column([o.dbh_m for o in told]),
         dbh_sd_m=np.maximum(column([o.dbh_sd_m for o in told]), DIAMETER_SD_MIN_M),
         logs=logs,

@@ -275,3 +275,28 @@ def test_more_restarts_than_the_bound_are_refused(monkeypatch: pytest.MonkeyPatc
     told = [said(1, north_m=5.0, east_m=3.0, at_s=at_s) for at_s in (90.0, 60.0, 30.0)]
     with pytest.raises(TooManyError, match="3 logs and restarts"):
         fused(told)
+
+
+def test_vehicles_that_know_the_frame_by_anothers_word_do_not_move_the_map() -> None:
+    """Three of them err by one and the same metre and a half: that is one word, and not three measurements."""
+    rng = np.random.default_rng(3)
+    places = rng.uniform(0.0, 30.0, (20, 2))
+    seen = [
+        replace(
+            said(vehicle, north_m=north + 1.5 * (vehicle > 1), east_m=east, dbh_m=0.15 + 0.02 * k, at_s=20.0 * vehicle),
+            frame_sd_m=1.0 if vehicle == 1 else 1.4,
+        )
+        for vehicle in (1, 2, 3, 4)
+        for k, (north, east) in enumerate(places)
+    ]
+    records = [StoredRecord(o.vehicle_id, 7, k, STEM_KIND, o.last_s, encode(o)) for k, o in enumerate(seen, start=1)]
+    observations = harvest_of(records).observations
+
+    def off_m(by_word: tuple[int, ...]) -> float:
+        stems = fuse(observations, by_word).stems
+        assert len(stems) == len(places)
+        near, _ = cKDTree(places).query([(stem.north_m, stem.east_m) for stem in stems])
+        return float(np.mean(near))
+
+    assert off_m(()) > 0.7
+    assert off_m((2, 3, 4)) < 0.3

@@ -241,6 +241,13 @@ class GlobalLocalisation:
         pos, off = self._pos_ned_m, self._off_ne_m
         return (pos[0] + off[0], pos[1] + off[1], pos[2])
 
+    def told_off_ne_m(self, now_s: float) -> tuple[float, float] | None:
+        """The reported position less the odometer; None: its autopilot does not go by satellites now.
+
+        It wanders with the receiver, within seconds, where `fix_ned_m` takes half a minute to follow.
+        """
+        return self._jumped_ne_m if self._receives and self.is_used(now_s) else None
+
     @property
     def sd_m(self) -> float:
         """Error of the way to d2, level: one standard deviation."""
