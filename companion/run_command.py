@@ -20,6 +20,7 @@ from companion.mavlink.framing.frames import DATAGRAM_MAX_BYTES
 from companion.mavlink.harvest import RecordLink
 from companion.mavlink.makes import load_installed_makes
 from companion.mavlink.peers.session import Session
+from companion.payload.recorder import payload_of
 from companion.preflight.report import Clearance, clearance
 from companion.sensors.table import SENSORS, kinds_of, sensors_of
 from companion.shell.box.opening import box_folder, open_black_box, read_mission_file
@@ -105,8 +106,10 @@ def mission_of(arguments: argparse.Namespace) -> Mission:
     for name, url in arguments.sensors.items():
         if name not in flown:
             raise RefusedError(EXIT_REFUSED, f"--sensor {name}={url}: {printable(path)} {_unused(name)}")
-    if arguments.command == "run" and arguments.records is not None and mission.survey is None:
-        raise RefusedError(EXIT_REFUSED, f"--records: {printable(path)} has no [survey]: there are none")
+    if arguments.command == "run" and arguments.records is not None and not mission.keeps_records:
+        raise RefusedError(
+            EXIT_REFUSED, f"--records: {printable(path)} has no [survey], no [[payload]]: there are none"
+        )
     for kind in flown.values() if arguments.command == "run" and not arguments.sensors else ():
         if kind.NEEDS_LINK:
             raise RefusedError(
@@ -164,6 +167,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
         autopilot_is_stream=arguments.autopilot.scheme is Scheme.SERIAL,
         sensor_streams={name: url.scheme is Scheme.SERIAL for name, url in urls.items()},
         survey=survey,
+        payload=payload_of(mission, arguments.id),
         records=records if box is None else box.record_link(records),
         guard=radio.guard if box is None else box.record_guard(radio.guard),
         orders=radio.orders if box is None else box.record_orders(radio.orders),
@@ -237,8 +241,8 @@ def _radio_keys(key: str | None, arguments: argparse.Namespace, mission: Mission
 def _records(
     arguments: argparse.Namespace, mission: Mission, opened: ExitStack, log: FlightLog, session: Session | None
 ) -> RecordLink | None:
-    """Of a mission that surveys. `session`: of a radio with keys."""
-    if mission.survey is None:
+    """Of a mission that keeps some. `session`: of a radio with keys."""
+    if not mission.keeps_records:
         return None
     from companion.shell.records import records_of, records_path  # SQLite, which other flights need not keep
 
@@ -271,7 +275,7 @@ def _black_box(
         autopilot_is_stream=arguments.autopilot.scheme is Scheme.SERIAL,
         sensor_streams={name: url.scheme is Scheme.SERIAL for name, url in urls.items()},
         has_survey=mission.survey is not None,
-        has_records=mission.survey is not None,
+        has_records=mission.keeps_records,
         grounded=cleared.grounded,
         waived=",".join(cleared.waived),
         unknown=cleared.unknown,

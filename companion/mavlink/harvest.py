@@ -1,4 +1,4 @@
-"""The two collaborators that an endpoint may have: a survey, which measures stems, and a link that keeps records.
+"""Collaborators that an endpoint may have: a survey, which measures stems, a payload, and a link that keeps records.
 
 A vehicle flies without either: `GuardedSurvey` is the boundary at which an error of the survey ends.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Final, NamedTuple, Protocol, final
 
 from companion.core.agent import Agent
@@ -20,6 +20,7 @@ from companion.core.perception.landmarks.scan_pose import ScanPose
 from companion.core.perception.obstacle_cloud import find_hovering
 from companion.core.perception.obstacle_perception import SensingPerception
 from companion.core.perception.vehicle_tracks import MOVES_MPS
+from companion.mavlink.sensor_source import PayloadValue
 from mission.common.frames import Vec3
 
 Place = tuple[float, float]
@@ -68,6 +69,27 @@ class Survey(Protocol):
 
     def take_records(self, pose: ScanPose | None, now_s: float) -> list[tuple[int, bytes]]:
         """Once a tick: kinds and bodies of records that are finished. `pose`: None while there is none."""
+
+
+class PayloadPlace(NamedTuple):
+    """A vehicle's place in the mission's frame, metres from its origin, as it estimates itself."""
+
+    north_m: float
+    east_m: float
+    up_m: float
+    sd_m: float  # level
+
+
+class Payload(Protocol):
+    """Makes records of what other sensors tell. Times are the local clock's, s."""
+
+    def take_records(
+        self, values: Iterable[PayloadValue], place: PayloadPlace | None, now_s: float, *, airborne: bool
+    ) -> list[tuple[int, bytes]]:
+        """Once a tick: kinds and bodies. `values`: that have come since the last; `place`: None: not known."""
+
+    def take_says(self) -> list[Say]:
+        """Words for the operator, since last asked."""
 
 
 @final
@@ -129,19 +151,34 @@ def scan_pose_of(agent: Agent, now_s: float) -> ScanPose | None:
     motion = perception.motion
     pos, vel = motion.correct_place(own.pos_ned_m), own.vel_ned_mps
     bias, off = perception.velocity_bias(localiser.velocity_bias_ned_mps), localiser.offset_ned_m
-    frame_sd_m = localiser.global_localisation.sd_m if isinstance(localiser, GnssDeniedLocaliser) else FRAME_SD_M
     return ScanPose(
         pos,
         (vel[0] + bias[0], vel[1] + bias[1], vel[2] + bias[2]),
         shift_ne_m=motion.odometry.shift_m,
         turn_rad=motion.turn_rad,
         to_mission_ne_m=(own.pos_ned_m[0] + off[0] - pos[0], own.pos_ned_m[1] + off[1] - pos[1]),
-        frame_sd_m=frame_sd_m,
+        frame_sd_m=_frame_sd_m(agent),
         airborne=agent.flight.vehicle.airborne,
         trunks=motion.odometry.trunks,
         frame=motion.odometry.frame,
         standing_ne_m=_find_standing(agent, perception, pos, now_s),
     )
+
+
+def payload_place_of(agent: Agent, now_s: float) -> PayloadPlace | None:
+    """The place of this tick; None: the autopilot tells none, or none any more."""
+    vehicle, off = agent.flight.vehicle, agent.localiser.offset_ned_m
+    own = vehicle.position
+    if own is None or vehicle.position_missing(now_s):
+        return None
+    pos = own.pos_ned_m
+    return PayloadPlace(pos[0] + off[0], pos[1] + off[1], -(pos[2] + off[2]), _frame_sd_m(agent))
+
+
+def _frame_sd_m(agent: Agent) -> float:
+    """Standard deviation of the vehicle's own position in the mission's frame, level."""
+    localiser = agent.localiser
+    return localiser.global_localisation.sd_m if isinstance(localiser, GnssDeniedLocaliser) else FRAME_SD_M
 
 
 def _find_standing(agent: Agent, perception: SensingPerception, pos_ned_m: Vec3, now_s: float) -> list[Place]:

@@ -43,7 +43,9 @@ def records_of(
         opened.callback(made.close)  # before the file
         return made
 
-    def fusion(store: RecordStore) -> StandFusion:
+    def fusion(store: RecordStore) -> StandFusion | None:
+        if mission.survey is None:
+            return None
         if not beside_loop:
             from companion.stand.summarise import DirectFusion  # SciPy: a simulation's process
 

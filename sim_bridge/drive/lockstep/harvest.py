@@ -132,7 +132,7 @@ class Harvest:
             path,
             self._draw,
             writer=lambda store: self._disk(vehicle_id, store),
-            fusion=lambda store: DirectFusion(store, self._mission),
+            fusion=lambda store: None if self._mission.survey is None else DirectFusion(store, self._mission),
             is_synced=False,
             session=self._session(vehicle_id),
         )
@@ -223,8 +223,8 @@ class Harvest:
 def harvest_of(
     mission: Mission, world: World, folder: Path | None, stack: ExitStack, keys: FleetKeys | None
 ) -> Harvest | None:
-    """The records, of a mission that surveys; `stack` lets go of them. `keys`: of a swarm that has them."""
-    if mission.survey is None:
+    """The records, of a mission that keeps some; `stack` lets go of them. `keys`: of a swarm that has them."""
+    if not mission.keeps_records:
         return None
     harvest = Harvest(mission, world.stand, world.radio, folder, keys)
     stack.callback(harvest.close)

@@ -21,6 +21,7 @@ from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.harvest import RecordLink
 from companion.mavlink.orders.book import OrderBook
 from companion.mavlink.peers.guard import Guard
+from companion.payload.recorder import payload_of
 from companion.sensors.table import sensors_of
 from companion.survey.of_mission import survey_of
 from mission.document.model import Mission
@@ -104,6 +105,7 @@ class InProcess:
             beacons=beacons,
             stages=stages,
             survey=survey_of(mission, vehicle_id),
+            payload=payload_of(mission, vehicle_id),
             records=records if box is None else box.link(records),
             guard=guard if box is None else box.guard,
             orders=orders if box is None else box.orders,
