@@ -91,7 +91,7 @@ class _Channel:
             return None
         if value is not None:
             self._said_s = now_s
-            return "is no number: not recorded"
+            return "no number: not recorded"
         if now_s - max(self._heard_s, since_s) <= self._silent_s:
             return None
         self._said_s = now_s
