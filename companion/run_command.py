@@ -13,6 +13,7 @@ from contextlib import ExitStack
 from datetime import UTC, datetime
 from pathlib import Path
 
+from companion.cloud.returns_log import ReturnsLog
 from companion.journal.recorder import BlackBox, Recorder, start_body
 from companion.keys.key_file import KeyFileError
 from companion.mavlink.endpoint import Endpoint
@@ -147,7 +148,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
         for name, url in urls.items()
     }
     try:
-        survey = survey_of(mission, arguments.id)
+        survey = survey_of(mission, arguments.id, keeps_returns=True)
     except ModuleNotFoundError as error:
         raise RefusedError(
             EXIT_ENVIRONMENT,
@@ -155,6 +156,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
         ) from None
     radio = _radio_keys(key, arguments, mission, opened)
     records = _records(arguments, mission, opened, log, radio.session)
+    returns = _returns(arguments, mission, opened, log)
     needs = (SIGNING,) if arguments.sign_autopilot else ()
     cleared = clearance(
         arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time(), needs=needs
@@ -179,7 +181,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     changes = ChangeLogger(log, endpoint, autopilot, peers, sensors, (recorder or endpoint).report_surroundings)
     service = Service(os.environ, os.getpid())
     opened.callback(service.close)
-    runner = Runner(endpoint, autopilot, peers, changes, stop, service, sensors, recorder)
+    runner = Runner(endpoint, autopilot, peers, changes, stop, service, sensors, recorder, returns)
     log.line(None, _start_line(arguments, mission))
     for line in radio.lines:
         log.line(None, line)
@@ -253,6 +255,18 @@ def _records(
     )
     log.line(None, f"records in {path}: {records.progress()}")
     return records
+
+
+def _returns(arguments: argparse.Namespace, mission: Mission, opened: ExitStack, log: FlightLog) -> ReturnsLog | None:
+    """The file of a survey's returns."""
+    if mission.survey is None:
+        return None
+    from companion.shell.records import open_returns, records_path
+
+    path = records_path(arguments.records, arguments.log, mission, arguments.id)
+    returns, file = open_returns(path, opened, beside_loop=arguments.clock == "monotonic")
+    log.line(None, f"returns of stems in {file}")
+    return returns
 
 
 def _black_box(

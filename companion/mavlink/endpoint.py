@@ -319,6 +319,10 @@ class Endpoint:
             records.append(kind, body, now_s)
         self._to_say += payload.take_says()
 
+    def take_returns(self) -> list[bytes]:
+        """Returns of stems that a survey has fitted, since last asked: for a file, where there is one."""
+        return [] if self.survey is None else self.survey.take_returns()
+
     def hello(self) -> bytes:
         """A HEARTBEAT to send before the first tick, so that the other end learns this companion's address."""
         return self.autopilot_gate.seal(wire.pack(heartbeat(), seq=0, system=self.id, component=COMPONENT), 0.0)

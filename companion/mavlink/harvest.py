@@ -70,6 +70,9 @@ class Survey(Protocol):
     def take_records(self, pose: ScanPose | None, now_s: float) -> list[tuple[int, bytes]]:
         """Once a tick: kinds and bodies of records that are finished. `pose`: None while there is none."""
 
+    def take_returns(self) -> list[bytes]:
+        """Returns of stems that were fitted, since last asked; none where nobody keeps them."""
+
 
 class PayloadPlace(NamedTuple):
     """A vehicle's place in the mission's frame, metres from its origin, as it estimates itself."""
@@ -124,6 +127,12 @@ class GuardedSurvey:
         """Once a tick, as `Survey` has it; none once it has stopped."""
         found: list[tuple[int, bytes]] = []
         self._attempt(lambda: found.extend(self._survey.take_records(self._pose, now_s)))
+        return found
+
+    def take_returns(self) -> list[bytes]:
+        """As `Survey` has it."""
+        found: list[bytes] = []
+        self._attempt(lambda: found.extend(self._survey.take_returns()))
         return found
 
     def take_says(self) -> list[Say]:
