@@ -17,6 +17,7 @@ from mission.stems import utm
 from sim_bridge.judge.run_folder import STAND_FOLDER
 from sim_bridge.world.sensors.stems.shapes import EAST, LEAN_E, LEAN_N, NORTH, REF, radius_m, shapes_of
 from sim_bridge.world.world import DEFAULT_ORIGIN
+from tests.bench.stand_map import compare, read_stems
 
 Floats = NDArray[np.float64]
 CLOUD_LAZ = "cloud.laz"
@@ -129,7 +130,9 @@ def main(argv: list[str]) -> int:
     """Prints the figures of a run folder."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench cloud", description=__doc__)
     parser.add_argument("run", type=Path, help="folder of a flight that surveyed")
-    run: Path = parser.parse_args(argv).run
+    parser.add_argument("--dendromatics", action="store_true", help="what that library makes of it, where installed")
+    arguments = parser.parse_args(argv)
+    run: Path = arguments.run
     mission = load_mission(run / "mission.toml")
     placed = mission if mission.origin is not None else mission.with_origin(DEFAULT_ORIGIN)
     assert placed.origin is not None
@@ -144,4 +147,18 @@ def main(argv: list[str]) -> int:
             f"{share:.0%} within {100.0 * np.quantile(near, share):.1f} cm" for share in (0.5, 0.9, 0.95)
         )
         print(f"{name}: {shares}; rms of those within 30 cm {100.0 * np.sqrt(np.mean(near[near < 0.3] ** 2)):.1f} cm")
+    if arguments.dendromatics:
+        _referee(cloud, run, stand)
     return 0
+
+
+def _referee(cloud: Read, run: Path, stand: Stand) -> None:
+    """Ours and dendromatics' stems against the trees that stood there, and against those that both have."""
+    from tests.bench.cloud_referee import measured
+
+    trees = np.array([(t.east_m, t.north_m, 2.0 * t.radius_m) for t in stand.trees])
+    points_m = np.column_stack((cloud.east_m, cloud.north_m, cloud.above_ground_m))
+    theirs = measured(points_m[np.isfinite(points_m).all(axis=1)])
+    ours = read_stems(run / STAND_FOLDER / "stems.csv")
+    for name, told in (("ours", ours), ("dendromatics", np.column_stack((theirs, np.full(len(theirs), np.nan))))):
+        print(f"{name}: {compare(told, trees).said()}".replace("\n", "; "))
