@@ -74,7 +74,7 @@ after_s = 20.0
 [[payload]]
 name = "light"
 unit = "lx"
-period_s = 2.0
+period_s = 10.0
 source = "NAMED_VALUE_FLOAT.light"
 [forest]
 grade = [0.01, -0.02]
