@@ -287,6 +287,7 @@ def _add_stand(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         metavar="M",
         help=f"volume over basal area of this stand, from your tables (default: {FORM_HEIGHT_M:.1f}, Denzin's)",
     )
+    stand.add_argument("--cloud", nargs="+", default=[], metavar="FILE", help=help_texts.CLOUD)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

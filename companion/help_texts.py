@@ -87,6 +87,8 @@ figures per hectare with intervals of 95 %. Writes a stem map (GeoPackage, GeoJS
 and a report of one page.
 """
 
+CLOUD = "files of returns off the vehicles' disks (records-ID-MISSION.returns): a point cloud of them, cloud.laz"
+
 STAND_MORE = """\
 The same records give the same files, whichever order they came in. docs/how-to/read-the-stand-report.md says how to
 read them.
@@ -180,6 +182,7 @@ EXAMPLES = {
     "stand": (
         "companion stand forest.db --mission forest.toml --out stand",
         "companion stand forest.db --mission forest.toml --out stand --form-height-m 11.5",
+        "companion stand forest.db --mission forest.toml --out stand --cloud disks/records-*.returns",
     ),
     "run": (
         "companion run --mission forest.toml --id 3 --autopilot serial:///dev/ttyAMA0:921600 \\\n"

@@ -13,6 +13,7 @@ from contextlib import ExitStack
 from datetime import UTC, datetime
 from pathlib import Path
 
+from companion.cloud.returns_log import ReturnsLog
 from companion.journal.recorder import BlackBox, Recorder, start_body
 from companion.keys.key_file import KeyFileError
 from companion.mavlink.endpoint import Endpoint
@@ -20,6 +21,7 @@ from companion.mavlink.framing.frames import DATAGRAM_MAX_BYTES
 from companion.mavlink.harvest import RecordLink
 from companion.mavlink.makes import load_installed_makes
 from companion.mavlink.peers.session import Session
+from companion.payload.recorder import payload_of
 from companion.preflight.report import Clearance, clearance
 from companion.sensors.table import SENSORS, kinds_of, sensors_of
 from companion.shell.box.opening import box_folder, open_black_box, read_mission_file
@@ -105,8 +107,10 @@ def mission_of(arguments: argparse.Namespace) -> Mission:
     for name, url in arguments.sensors.items():
         if name not in flown:
             raise RefusedError(EXIT_REFUSED, f"--sensor {name}={url}: {printable(path)} {_unused(name)}")
-    if arguments.command == "run" and arguments.records is not None and mission.survey is None:
-        raise RefusedError(EXIT_REFUSED, f"--records: {printable(path)} has no [survey]: there are none")
+    if arguments.command == "run" and arguments.records is not None and not mission.keeps_records:
+        raise RefusedError(
+            EXIT_REFUSED, f"--records: {printable(path)} has no [survey], no [[payload]]: there are none"
+        )
     for kind in flown.values() if arguments.command == "run" and not arguments.sensors else ():
         if kind.NEEDS_LINK:
             raise RefusedError(
@@ -144,7 +148,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
         for name, url in urls.items()
     }
     try:
-        survey = survey_of(mission, arguments.id)
+        survey = survey_of(mission, arguments.id, keeps_returns=True)
     except ModuleNotFoundError as error:
         raise RefusedError(
             EXIT_ENVIRONMENT,
@@ -152,6 +156,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
         ) from None
     radio = _radio_keys(key, arguments, mission, opened)
     records = _records(arguments, mission, opened, log, radio.session)
+    returns = _returns(arguments, mission, opened, log)
     needs = (SIGNING,) if arguments.sign_autopilot else ()
     cleared = clearance(
         arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time(), needs=needs
@@ -164,6 +169,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
         autopilot_is_stream=arguments.autopilot.scheme is Scheme.SERIAL,
         sensor_streams={name: url.scheme is Scheme.SERIAL for name, url in urls.items()},
         survey=survey,
+        payload=payload_of(mission, arguments.id),
         records=records if box is None else box.record_link(records),
         guard=radio.guard if box is None else box.record_guard(radio.guard),
         orders=radio.orders if box is None else box.record_orders(radio.orders),
@@ -175,7 +181,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     changes = ChangeLogger(log, endpoint, autopilot, peers, sensors, (recorder or endpoint).report_surroundings)
     service = Service(os.environ, os.getpid())
     opened.callback(service.close)
-    runner = Runner(endpoint, autopilot, peers, changes, stop, service, sensors, recorder)
+    runner = Runner(endpoint, autopilot, peers, changes, stop, service, sensors, recorder, returns)
     log.line(None, _start_line(arguments, mission))
     for line in radio.lines:
         log.line(None, line)
@@ -237,8 +243,8 @@ def _radio_keys(key: str | None, arguments: argparse.Namespace, mission: Mission
 def _records(
     arguments: argparse.Namespace, mission: Mission, opened: ExitStack, log: FlightLog, session: Session | None
 ) -> RecordLink | None:
-    """Of a mission that surveys. `session`: of a radio with keys."""
-    if mission.survey is None:
+    """Of a mission that keeps some. `session`: of a radio with keys."""
+    if not mission.keeps_records:
         return None
     from companion.shell.records import records_of, records_path  # SQLite, which other flights need not keep
 
@@ -249,6 +255,18 @@ def _records(
     )
     log.line(None, f"records in {path}: {records.progress()}")
     return records
+
+
+def _returns(arguments: argparse.Namespace, mission: Mission, opened: ExitStack, log: FlightLog) -> ReturnsLog | None:
+    """The file of a survey's returns."""
+    if mission.survey is None:
+        return None
+    from companion.shell.records import open_returns, records_path
+
+    path = records_path(arguments.records, arguments.log, mission, arguments.id)
+    returns, file = open_returns(path, opened, beside_loop=arguments.clock == "monotonic")
+    log.line(None, f"returns of stems in {file}")
+    return returns
 
 
 def _black_box(
@@ -271,7 +289,7 @@ def _black_box(
         autopilot_is_stream=arguments.autopilot.scheme is Scheme.SERIAL,
         sensor_streams={name: url.scheme is Scheme.SERIAL for name, url in urls.items()},
         has_survey=mission.survey is not None,
-        has_records=mission.survey is not None,
+        has_records=mission.keeps_records,
         grounded=cleared.grounded,
         waived=",".join(cleared.waived),
         unknown=cleared.unknown,

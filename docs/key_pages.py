@@ -51,7 +51,10 @@ Each key by itself may be good and the whole still not fly. Refused as well:
 - the trees of `[forest.stand]` must find room: `dbh_min_m` < `dbh_mean_m` < `dbh_max_m` < `spacing_min_m`, and at most
   20,000 trees, whose discs of half `spacing_min_m` take at most 35 % of the area;
 - `sensing.range_m` must hold the way of one scan, that of braking from `route.vel_leader_mps`, `vehicle_radius_m` and
-  `margin_m`; `stale_s` two scans; `separation.hard_m` twice `vehicle_radius_m` and `margin_m`.
+  `margin_m`; `stale_s` two scans; `separation.hard_m` twice `vehicle_radius_m` and `margin_m`;
+- `[[payload]]`: each unit is that of its source, no two have a source or a column of the base station's files in
+  common, and all vehicles together make 25 records a second at most, or so many that they take a fifth of
+  `radio.bit_rate_kbps`.
 """
 
 
@@ -66,9 +69,14 @@ def mission_page() -> Iterator[str]:
     yield from ("schema = 1", "", "[route]", "d1_enu_m = [0.0, 0.0, 8.0]", "d2_enu_m = [130.0, 0.0, 8.0]")
     yield from ("vel_leader_mps = 3.0", "```", "")
     yield from ("## Top level", "")
-    top = {key: node for key, node in schema["properties"].items() if not _is_table(schema, node)}
+    arrays = [key for key, node in schema["properties"].items() if _is_tables(schema, node)]
+    top = {key: node for key, node in schema["properties"].items() if key not in arrays and not _is_table(schema, node)}
     yield from _keys(schema, top, schema.get("required", ()))
     for key, node in schema["properties"].items():
+        if key in arrays:
+            inner = resolved(schema, node["items"])
+            yield from ("", f"## `[[{key}]]`", "", f"{node['description']} At most {node['maxItems']}.", "")
+            yield from _keys(schema, inner["properties"], inner.get("required", ()))
         if _is_table(schema, node):
             node = {**resolved(schema, node), **node}
             optional = key not in schema.get("required", ()) and "Optional" not in node["description"]
@@ -82,9 +90,13 @@ def _is_table(schema: Node, node: Node) -> bool:
     return allowed(schema, node) == TABLE
 
 
+def _is_tables(schema: Node, node: Node) -> bool:
+    return "items" in node and _is_table(schema, node["items"])
+
+
 def _table(schema: Node, name: str, table: Node) -> Iterator[str]:
     keys = table["properties"]
-    arrays = {key: node for key, node in keys.items() if "items" in node and _is_table(schema, node["items"])}
+    arrays = {key: node for key, node in keys.items() if _is_tables(schema, node)}
     tables = {
         key: node for key, node in keys.items() if _is_table(schema, node) and "properties" in resolved(schema, node)
     }

@@ -153,8 +153,8 @@ class Terminal:
 
 def _mission(path: str) -> Mission:
     mission = load_mission(path)
-    if mission.survey is None:
-        raise ValueError(f"{printable(path)} has no [survey]: its vehicles keep no records")
+    if not mission.keeps_records:
+        raise ValueError(f"{printable(path)} has no [survey], no [[payload]]: its vehicles keep no records")
     return mission
 
 

@@ -11,6 +11,7 @@ from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.harvest import Survey
 from companion.mavlink.makes import load_installed_makes
 from companion.mavlink.orders.book import OrderBook
+from companion.payload.recorder import payload_of
 from companion.sensors.table import kind_of
 from companion.survey.of_mission import survey_of
 from mission.common.entry_points import EntryPointError
@@ -42,6 +43,7 @@ def rebuild_endpoint(start: Json, tape: PlayedTape) -> Endpoint:
             orders=None if start["orders"] is None else rebuild_book(start["orders"], vehicle_id, tape),
             autopilot_gate=PlayedGate(tape) if start["autopilot_signed"] else None,
             survey=survey,
+            payload=payload_of(mission, vehicle_id),
             records=PlayedLink(tape) if start["has_records"] else None,
         )
         endpoint.agent.ground(str(start["grounded"]))

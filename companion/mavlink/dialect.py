@@ -1126,12 +1126,14 @@ MAVLINK_MSG_ID_VIBRATION = 241
 MAVLINK_MSG_ID_HOME_POSITION = 242
 MAVLINK_MSG_ID_MESSAGE_INTERVAL = 244
 MAVLINK_MSG_ID_EXTENDED_SYS_STATE = 245
+MAVLINK_MSG_ID_NAMED_VALUE_FLOAT = 251
 MAVLINK_MSG_ID_STATUSTEXT = 253
 MAVLINK_MSG_ID_SETUP_SIGNING = 256
 MAVLINK_MSG_ID_PROTOCOL_VERSION = 300
 MAVLINK_MSG_ID_OBSTACLE_DISTANCE = 330
 MAVLINK_MSG_ID_ODOMETRY = 331
 MAVLINK_MSG_ID_TUNNEL = 385
+MAVLINK_MSG_ID_HYGROMETER_SENSOR = 12920
 MAVLINK_MSG_ID_SWARM_BEACON = 52100
 MAVLINK_MSG_ID_SWARM_RANGES = 52101
 MAVLINK_MSG_ID_SWARM_RELATIVE = 52102
@@ -3286,6 +3288,47 @@ class MAVLink_extended_sys_state_message(MAVLink_message):
 setattr(MAVLink_extended_sys_state_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_named_value_float_message(MAVLink_message):
+    """
+    NAMED_VALUE_FLOAT
+    """
+
+    id = MAVLINK_MSG_ID_NAMED_VALUE_FLOAT
+    msgname = "NAMED_VALUE_FLOAT"
+    fieldnames = ["time_boot_ms", "name", "value"]
+    ordered_fieldnames = ["time_boot_ms", "value", "name"]
+    fieldtypes = ["uint32_t", "char", "float"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms"}
+    native_format = bytearray(b"<Ifc")
+    orders = [0, 2, 1]
+    lengths = [1, 1, 1]
+    array_lengths = [0, 0, 10]
+    crc_extra = 170
+    unpacker = struct.Struct("<If10s")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_boot_ms: int, name: bytes, value: float):
+        MAVLink_message.__init__(self, MAVLink_named_value_float_message.id, MAVLink_named_value_float_message.msgname)
+        self._fieldnames = MAVLink_named_value_float_message.fieldnames
+        self._instance_field = MAVLink_named_value_float_message.instance_field
+        self._instance_offset = MAVLink_named_value_float_message.instance_offset
+        self.time_boot_ms = time_boot_ms
+        self._name_raw = name
+        self.name = name.split(b"\x00", 1)[0].decode("ascii", errors="replace")
+        self.value = value
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.value, self._name_raw), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_named_value_float_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_statustext_message(MAVLink_message):
     """
     STATUSTEXT
@@ -3552,6 +3595,46 @@ class MAVLink_tunnel_message(MAVLink_message):
 # Define name on the class for backwards compatibility (it is now msgname).
 # Done with setattr to hide the class variable from mypy.
 setattr(MAVLink_tunnel_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_hygrometer_sensor_message(MAVLink_message):
+    """
+    HYGROMETER_SENSOR
+    """
+
+    id = MAVLINK_MSG_ID_HYGROMETER_SENSOR
+    msgname = "HYGROMETER_SENSOR"
+    fieldnames = ["id", "temperature", "humidity"]
+    ordered_fieldnames = ["temperature", "humidity", "id"]
+    fieldtypes = ["uint8_t", "int16_t", "uint16_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"temperature": "cdegC", "humidity": "c%"}
+    native_format = bytearray(b"<hHB")
+    orders = [2, 0, 1]
+    lengths = [1, 1, 1]
+    array_lengths = [0, 0, 0]
+    crc_extra = 20
+    unpacker = struct.Struct("<hHB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, id: int, temperature: int, humidity: int):
+        MAVLink_message.__init__(self, MAVLink_hygrometer_sensor_message.id, MAVLink_hygrometer_sensor_message.msgname)
+        self._fieldnames = MAVLink_hygrometer_sensor_message.fieldnames
+        self._instance_field = MAVLink_hygrometer_sensor_message.instance_field
+        self._instance_offset = MAVLink_hygrometer_sensor_message.instance_offset
+        self.id = id
+        self.temperature = temperature
+        self.humidity = humidity
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.temperature, self.humidity, self.id), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_hygrometer_sensor_message, "name", mavlink_msg_deprecated_name_property())
 
 
 class MAVLink_swarm_beacon_message(MAVLink_message):
@@ -4102,12 +4185,14 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_HOME_POSITION: MAVLink_home_position_message,
     MAVLINK_MSG_ID_MESSAGE_INTERVAL: MAVLink_message_interval_message,
     MAVLINK_MSG_ID_EXTENDED_SYS_STATE: MAVLink_extended_sys_state_message,
+    MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: MAVLink_named_value_float_message,
     MAVLINK_MSG_ID_STATUSTEXT: MAVLink_statustext_message,
     MAVLINK_MSG_ID_SETUP_SIGNING: MAVLink_setup_signing_message,
     MAVLINK_MSG_ID_PROTOCOL_VERSION: MAVLink_protocol_version_message,
     MAVLINK_MSG_ID_OBSTACLE_DISTANCE: MAVLink_obstacle_distance_message,
     MAVLINK_MSG_ID_ODOMETRY: MAVLink_odometry_message,
     MAVLINK_MSG_ID_TUNNEL: MAVLink_tunnel_message,
+    MAVLINK_MSG_ID_HYGROMETER_SENSOR: MAVLink_hygrometer_sensor_message,
     MAVLINK_MSG_ID_SWARM_BEACON: MAVLink_swarm_beacon_message,
     MAVLINK_MSG_ID_SWARM_RANGES: MAVLink_swarm_ranges_message,
     MAVLINK_MSG_ID_SWARM_RELATIVE: MAVLink_swarm_relative_message,
@@ -6066,6 +6151,28 @@ class MAVLink(object):
         """
         self.send(self.extended_sys_state_encode(vtol_state, landed_state), force_mavlink1=force_mavlink1)
 
+    def named_value_float_encode(self, time_boot_ms: int, name: bytes, value: float) -> MAVLink_named_value_float_message:
+        """
+        NAMED_VALUE_FLOAT
+
+        time_boot_ms              : time boot ms [ms] (type:uint32_t)
+        name                      : name (type:char)
+        value                     : value (type:float)
+
+        """
+        return MAVLink_named_value_float_message(time_boot_ms, name, value)
+
+    def named_value_float_send(self, time_boot_ms: int, name: bytes, value: float, force_mavlink1: bool = False) -> None:
+        """
+        NAMED_VALUE_FLOAT
+
+        time_boot_ms              : time boot ms [ms] (type:uint32_t)
+        name                      : name (type:char)
+        value                     : value (type:float)
+
+        """
+        self.send(self.named_value_float_encode(time_boot_ms, name, value), force_mavlink1=force_mavlink1)
+
     def statustext_encode(self, severity: int, text: bytes, id: int = 0, chunk_seq: int = 0) -> MAVLink_statustext_message:
         """
         STATUSTEXT
@@ -6251,6 +6358,28 @@ class MAVLink(object):
 
         """
         self.send(self.tunnel_encode(target_system, target_component, payload_type, payload_length, payload), force_mavlink1=force_mavlink1)
+
+    def hygrometer_sensor_encode(self, id: int, temperature: int, humidity: int) -> MAVLink_hygrometer_sensor_message:
+        """
+        HYGROMETER_SENSOR
+
+        id                        : id (type:uint8_t)
+        temperature               : temperature [cdegC] (type:int16_t)
+        humidity                  : humidity [c%] (type:uint16_t)
+
+        """
+        return MAVLink_hygrometer_sensor_message(id, temperature, humidity)
+
+    def hygrometer_sensor_send(self, id: int, temperature: int, humidity: int, force_mavlink1: bool = False) -> None:
+        """
+        HYGROMETER_SENSOR
+
+        id                        : id (type:uint8_t)
+        temperature               : temperature [cdegC] (type:int16_t)
+        humidity                  : humidity [c%] (type:uint16_t)
+
+        """
+        self.send(self.hygrometer_sensor_encode(id, temperature, humidity), force_mavlink1=force_mavlink1)
 
     def swarm_beacon_encode(self, time_boot_ms: int, lat: int, lon: int, alt: int, vx: float, vy: float, vz: float, ref_vx: float, ref_vy: float, ref_vz: float, dest_x: float, dest_y: float, dest_z: float, route_cost: float, governor: float, leader_seq: int, leader_ends: int, seen_x: float, seen_y: float, seen_z: float, range_dm: int, seen_age: int, echo_time: int, echo_hold: int, leader: int, leader_priority: int, leader_score: int, heir: int, hop: int, candidate: int, candidate_priority: int, candidate_score: int, parent: int, phase: int, flags: int, flight_state: int, seen: int, echo: int, version: int, members: Sequence[int], position_error: int) -> MAVLink_swarm_beacon_message:
         """

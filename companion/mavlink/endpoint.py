@@ -26,7 +26,7 @@ from companion.mavlink.framing import texts, wire
 from companion.mavlink.framing.frames import Framing, Incoming
 from companion.mavlink.framing.outbox import Outbox
 from companion.mavlink.framing.signing import Gate
-from companion.mavlink.harvest import GuardedSurvey, RecordLink, Survey
+from companion.mavlink.harvest import GuardedSurvey, Payload, RecordLink, Survey, payload_place_of
 from companion.mavlink.orders.book import OrderBook
 from companion.mavlink.orders.desk import open_desk
 from companion.mavlink.peers.guard import Guard, OpenGuard
@@ -76,6 +76,7 @@ class Endpoint:
         beacons: swarm_beacon.Reader | None = None,
         stages: StageFactory = FLIGHT_STAGES,
         survey: Survey | None = None,
+        payload: Payload | None = None,
         records: RecordLink | None = None,
         guard: Guard | None = None,
         orders: OrderBook | None = None,
@@ -85,7 +86,8 @@ class Endpoint:
 
         `sensor_streams`: the links to its sensors' drivers by name, and whether bytes may break anywhere (serial).
         `beacons`: reads those of this mission, shared with other vehicles; by default its own.
-        `stages`: of its agent. `survey`: measures stems, in a mission that asks for it; `records`: keeps what it finds.
+        `stages`: of its agent. `survey`: measures stems, `payload`: records other sensors, in a mission that asks for
+        it; `records`: keeps what they find.
         `guard`: of the peers' link; by default whoever is in range is heard. `autopilot_gate`: of a signed link.
         `orders`: of the operator's key; by default commands count, and the flags of beacons.
         """
@@ -110,6 +112,7 @@ class Endpoint:
         )
         self.sensors = SensorInputs(sensors, vehicle_id, sensor_streams)
         self.survey: Final = None if survey is None else GuardedSurvey(survey)
+        self._payload: Final = payload
         self.records: Final = records
         reception = reception_counts(mission, vehicle_id)
         fix_hz = receiver_hz(mission, vehicle_id)
@@ -302,11 +305,23 @@ class Endpoint:
                 self.records.append(kind, body, now_s)
         if survey is not None:
             self._to_say += survey.take_says()
+        if self._payload is not None and self.records is not None:
+            self._record_payload(self._payload, self.records, now_s)
         if self.records is not None:
             update = self.records.take_stand(leads=self.agent.swarm.election.role is Role.LEADER, now_s=now_s)
             if update is not None:
                 self.agent.receive(StandMeasured(update.basal_area_pct), now_s)
                 self._to_say += [Say(Severity.INFO, f"stand: {update.text}")] if update.text else []
+
+    def _record_payload(self, payload: Payload, records: RecordLink, now_s: float) -> None:
+        airborne, place = self.agent.flight.vehicle.airborne, payload_place_of(self.agent, now_s)
+        for kind, body in payload.take_records(self.sensors.take_values(), place, now_s, airborne=airborne):
+            records.append(kind, body, now_s)
+        self._to_say += payload.take_says()
+
+    def take_returns(self) -> list[bytes]:
+        """Returns of stems that a survey has fitted, since last asked: for a file, where there is one."""
+        return [] if self.survey is None else self.survey.take_returns()
 
     def hello(self) -> bytes:
         """A HEARTBEAT to send before the first tick, so that the other end learns this companion's address."""

@@ -1,4 +1,4 @@
-"""The two collaborators that an endpoint may have: a survey, which measures stems, and a link that keeps records.
+"""Collaborators that an endpoint may have: a survey, which measures stems, a payload, and a link that keeps records.
 
 A vehicle flies without either: `GuardedSurvey` is the boundary at which an error of the survey ends.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Final, NamedTuple, Protocol, final
 
 from companion.core.agent import Agent
@@ -21,6 +21,7 @@ from companion.core.perception.landmarks.scan_pose import ScanPose
 from companion.core.perception.obstacle_cloud import find_hovering
 from companion.core.perception.obstacle_perception import SensingPerception
 from companion.core.perception.vehicle_tracks import MOVES_MPS
+from companion.mavlink.sensor_source import PayloadValue
 from mission.common.frames import Vec3
 
 Place = tuple[float, float]
@@ -70,6 +71,30 @@ class Survey(Protocol):
     def take_records(self, pose: ScanPose | None, now_s: float) -> list[tuple[int, bytes]]:
         """Once a tick: kinds and bodies of records that are finished. `pose`: None while there is none."""
 
+    def take_returns(self) -> list[bytes]:
+        """Returns of stems that were fitted, since last asked; none where nobody keeps them."""
+
+
+class PayloadPlace(NamedTuple):
+    """A vehicle's place in the mission's frame, metres from its origin, as it estimates itself."""
+
+    north_m: float
+    east_m: float
+    up_m: float
+    sd_m: float  # level
+
+
+class Payload(Protocol):
+    """Makes records of what other sensors tell. Times are the local clock's, s."""
+
+    def take_records(
+        self, values: Iterable[PayloadValue], place: PayloadPlace | None, now_s: float, *, airborne: bool
+    ) -> list[tuple[int, bytes]]:
+        """Once a tick: kinds and bodies. `values`: that have come since the last; `place`: None: not known."""
+
+    def take_says(self) -> list[Say]:
+        """Words for the operator, since last asked."""
+
 
 @final
 class GuardedSurvey:
@@ -103,6 +128,12 @@ class GuardedSurvey:
         """Once a tick, as `Survey` has it; none once it has stopped."""
         found: list[tuple[int, bytes]] = []
         self._attempt(lambda: found.extend(self._survey.take_records(self._pose, now_s)))
+        return found
+
+    def take_returns(self) -> list[bytes]:
+        """As `Survey` has it."""
+        found: list[bytes] = []
+        self._attempt(lambda: found.extend(self._survey.take_returns()))
         return found
 
     def take_says(self) -> list[Say]:
@@ -143,6 +174,17 @@ def scan_pose_of(agent: Agent, now_s: float) -> ScanPose | None:
         frame=motion.odometry.frame,
         standing_ne_m=_find_standing(agent, perception, pos, now_s),
     )
+
+
+def payload_place_of(agent: Agent, now_s: float) -> PayloadPlace | None:
+    """The place of this tick; None: the autopilot tells none, or none any more."""
+    vehicle = agent.flight.vehicle
+    own = vehicle.position
+    if own is None or vehicle.position_missing(now_s):
+        return None
+    pos = own.pos_ned_m
+    off, frame_sd_m = _find_frame(agent.localiser, now_s)
+    return PayloadPlace(pos[0] + off[0], pos[1] + off[1], -pos[2], frame_sd_m)
 
 
 def _find_frame(localiser: Localiser, now_s: float) -> tuple[Place, float]:

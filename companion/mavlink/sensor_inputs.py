@@ -9,7 +9,7 @@ from companion.core.model.events import Event
 from companion.mavlink import dialect
 from companion.mavlink.framing.frames import Framing, Incoming
 from companion.mavlink.framing.signing import Gate
-from companion.mavlink.sensor_source import SensorSource
+from companion.mavlink.sensor_source import PayloadValue, SensorSource
 
 FOREIGN_MAX: Final = 16  # systems of each sensor that are remembered, to be named
 SHARED: Final = ""  # the link of all drivers, where no link has a name
@@ -19,8 +19,8 @@ class SensorInputs:
     """One vehicle's `sources`, and the framing of each link to their drivers.
 
     A driver sends with the vehicle's own system id, and any component but the autopilot's: what says that it is the
-    autopilot, and is not on its link, is misconfigured. What is forwarded by the autopilot is passed over once it has
-    come by a sensor's link: the same message late, or put together from others.
+    autopilot, and is not on its link, is misconfigured. What is forwarded by the autopilot is passed over once that
+    message has come by a sensor's link: the same late, or put together from others.
     """
 
     def __init__(self, sources: Sequence[SensorSource], vehicle_id: int, streams: Mapping[str, bool]) -> None:
@@ -35,7 +35,7 @@ class SensorInputs:
         self._framings: Final = {
             name: Framing(wanted, is_stream=is_stream) for name, is_stream in {SHARED: False, **streams}.items()
         }
-        self._linked: Final = set[str]()  # sensors that have come by a sensor's link
+        self._linked: Final = set[int]()  # messages that have come by a sensor's link
         self._foreign: Final = {source.NAME: set[int]() for source in sources}
 
     def read_link(self, link: str, data: bytes, now_s: float) -> list[Event]:
@@ -45,7 +45,7 @@ class SensorInputs:
             if self._gate.admits(incoming.frame) and incoming.component != dialect.MAV_COMP_ID_AUTOPILOT1:
                 source = self._by_message[incoming.message_id]
                 if incoming.system == self._vehicle_id:
-                    self._linked.add(source.NAME)
+                    self._linked.add(incoming.message_id)
                 event = self._decode(source, incoming, now_s)
                 if event is not None:
                     found.append(event)
@@ -53,8 +53,9 @@ class SensorInputs:
 
     def read_forwarded(self, incoming: Incoming, now_s: float) -> Event | None:
         """A message of `forwarded`, on the autopilot's link."""
-        source = self._by_message[incoming.message_id]
-        return None if source.NAME in self._linked else self._decode(source, incoming, now_s)
+        if incoming.message_id in self._linked:
+            return None
+        return self._decode(self._by_message[incoming.message_id], incoming, now_s)
 
     def read_autopilot(self, message_id: int, m: Any, now_s: float) -> None:
         """A message of `autopilot_hz`, of the own autopilot."""
@@ -65,6 +66,10 @@ class SensorInputs:
     def collect(self, now_s: float) -> list[Event]:
         """Events that waited for the tick."""
         return [event for source in self.sources for event in source.collect(now_s)]
+
+    def take_values(self) -> list[PayloadValue]:
+        """Values for [[payload]] that have come since last asked."""
+        return [value for source in self.sources for value in source.take_values()]
 
     def foreign(self, name: str) -> frozenset[int]:
         """Other systems whose drivers of a sensor were heard, at most FOREIGN_MAX: theirs must be the vehicle's id."""

@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, NamedTuple
 
 from companion.core.model.events import Event
 from mission.document.model import Mission
@@ -27,6 +27,13 @@ class Finding:
     wanted: str
     fix: str = ""
     is_warning: bool = False
+
+
+class PayloadValue(NamedTuple):
+    """A value that is to be recorded, and steers nothing."""
+
+    source: str  # as a mission's [[payload]] names it
+    value: float  # in its unit there; NaN: the sensor knows none
 
 
 class SensorSource(ABC):
@@ -72,6 +79,10 @@ class SensorSource(ABC):
 
     def collect(self, _now_s: float) -> list[Event]:
         """Events that waited for the tick, oldest first."""
+        return []
+
+    def take_values(self) -> list[PayloadValue]:
+        """Values for the mission's [[payload]], since last asked."""
         return []
 
     def counters(self) -> dict[str, int]:

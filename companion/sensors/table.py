@@ -10,6 +10,7 @@ from typing import Final
 from companion.mavlink.sensor_source import SensorSource
 from companion.sensors import installed
 from companion.sensors.obstacle_sensor import ObstacleSensor
+from companion.sensors.payload import PayloadSensors
 from companion.sensors.range_radio import RangeRadio
 from companion.sensors.raw_lidar import RawLidar
 from mission.common.entry_points import EntryPointError
@@ -17,7 +18,9 @@ from mission.common.problems import MissionError, Problem, shown
 from mission.document.model import Mission
 
 # To add one: its class beside these, and a line here (CONTRIBUTING.md, Worked examples).
-SENSORS: Final[dict[str, type[SensorSource]]] = {kind.NAME: kind for kind in (ObstacleSensor, RawLidar, RangeRadio)}
+SENSORS: Final[dict[str, type[SensorSource]]] = {
+    kind.NAME: kind for kind in (ObstacleSensor, RawLidar, RangeRadio, PayloadSensors)
+}
 
 
 def kinds_of(mission: Mission) -> dict[str, type[SensorSource]]:
@@ -51,7 +54,7 @@ def autopilot_hz(mission: Mission) -> dict[int, float]:
 
 def _named(name: str, mission: Mission) -> type[SensorSource]:
     if name in SENSORS:
-        raise _refused(mission, name, "is flown by without being named: [sensing] or [ranging] says so")
+        raise _refused(mission, name, "is flown by without being named: [sensing], [ranging] or [[payload]] says so")
     try:
         return installed.load_sensor(name)
     except EntryPointError as error:

@@ -1,4 +1,4 @@
-"""The file of a real vehicle's records, found and opened."""
+"""Files of a real vehicle's records and of its survey's returns, found and opened."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import secrets
 from contextlib import ExitStack
 from pathlib import Path
 
+from companion.cloud.returns_file import ReturnsFile
+from companion.cloud.returns_log import SUFFIX, DirectReturns, ReturnsLog
 from companion.mavlink.peers.session import Session
 from companion.records.exchange import RecordExchange
 from companion.records.node import open_records
@@ -14,7 +16,7 @@ from companion.records.signed.keys import mission_hash
 from companion.records.store import RecordStore
 from companion.records.summary import StandFusion
 from companion.records.write_queue import DirectWriter, RecordWriter
-from companion.shell.record_writer import ThreadedWriter
+from companion.shell.record_writer import BesideLoop, ThreadedWriter
 from companion.shell.service import STATE
 from companion.shell.stand_fusion import FusionChild, FusionProcess
 from mission.document.model import Mission
@@ -43,7 +45,9 @@ def records_of(
         opened.callback(made.close)  # before the file
         return made
 
-    def fusion(store: RecordStore) -> StandFusion:
+    def fusion(store: RecordStore) -> StandFusion | None:
+        if mission.survey is None:
+            return None
         if not beside_loop:
             from companion.stand.summarise import DirectFusion  # SciPy: a simulation's process
 
@@ -70,3 +74,13 @@ def records_path(given: str | None, log: str | None, mission: Mission, vehicle_i
     name = f"records-{vehicle_id}-{mission_hash(mission):08x}.db"
     folder = Path(log).parent if log is not None else Path(os.environ.get(STATE, "."))
     return folder / name
+
+
+def open_returns(records: Path, opened: ExitStack, *, beside_loop: bool) -> tuple[ReturnsLog, Path]:
+    """The log of returns beside a vehicle's `records`, and its file. `beside_loop`: as for these."""
+    file = ReturnsFile(records.with_suffix(SUFFIX))
+    if not beside_loop:
+        return ReturnsLog(DirectReturns(file)), file.path
+    writer = BesideLoop(file.write, "returns")
+    opened.callback(writer.close)
+    return ReturnsLog(writer), file.path

@@ -17,6 +17,7 @@ from itertools import starmap
 from types import FrameType, TracebackType
 from typing import Any, Self
 
+from companion.cloud.returns_log import ReturnsLog
 from companion.core.agent import TICK_S
 from companion.journal.recorder import Recorder
 from companion.mavlink import dialect
@@ -82,10 +83,15 @@ class Runner:
         service: Service,
         sensors: Mapping[str, Link],
         recorder: Recorder | None = None,
+        returns: ReturnsLog | None = None,
     ) -> None:
-        """`sensors`: links to drivers, by the sensor's name. `recorder`: stands before the endpoint."""
+        """`sensors`: links to drivers, by the sensor's name. `recorder`: stands before the endpoint.
+
+        `returns`: keeps those of a survey.
+        """
         self.endpoint = endpoint
         self._recorder = recorder
+        self._returns = returns
         self._inputs: Endpoint | Recorder = recorder or endpoint  # takes what comes, and ticks
         self.now_s: float | None = None  # of the clock in use, at the last tick
         self.ticks = 0
@@ -226,6 +232,9 @@ class Runner:
         self._changes.log_changes(now_s, out.said)
         if self._recorder is not None:
             self._changes.log_lines(now_s, self._recorder.take_lines())
+        if self._returns is not None:
+            self._returns.append(self.endpoint.take_returns())
+            self._changes.log_lines(now_s, self._returns.take_lines())
 
 
 class _Turns:

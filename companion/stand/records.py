@@ -10,6 +10,7 @@ from pathlib import Path
 from statistics import median
 from typing import Final, NamedTuple, Protocol
 
+from companion.payload.sample import PAYLOAD_KIND, PayloadSample, decode_sample
 from companion.survey.observation import STEM_KIND, StemObservation, decode
 from companion.survey.track import TRACK_KIND, TrackPoint, decode_track
 
@@ -19,6 +20,7 @@ TABLES: Final = frozenset({"meta", "record", "log", "unproven", "writer"})  # of
 RESTART_S: Final = 5.0  # made so much before an earlier number of its log: the writer's clock has started anew
 Key = tuple[int, int, int]  # vehicle_id, log_id, number
 Session = tuple[int, int, int]  # vehicle_id, log_id, how often the clock had started anew
+Placed = StemObservation | TrackPoint | PayloadSample
 
 
 class RecordLike(Protocol):
@@ -68,6 +70,15 @@ class KeyedPoint(NamedTuple):
     session: Session
 
 
+class KeyedSample(NamedTuple):
+    """A value of another sensor, the identity of its record, and when that was made."""
+
+    key: Key
+    sample: PayloadSample
+    session: Session
+    made_s: float
+
+
 class LogCount(NamedTuple):
     """Records of one log that are here, of those that its highest number says there are at least."""
 
@@ -90,6 +101,7 @@ class Harvest(NamedTuple):
     track: tuple[KeyedPoint, ...]
     refused: int  # records of these kinds whose body is malformed, or whose position is none of this survey
     records: tuple[RecordLike, ...]  # all, of whatever kind
+    payload: tuple[KeyedSample, ...] = ()
 
     def counted(self) -> tuple[LogCount, ...]:
         """Of each log, by vehicle: numbers start at 1 and have no gap, so one that is not here is missing."""
@@ -169,7 +181,7 @@ def harvest_of(records: Iterable[RecordLike]) -> Harvest:
     """`records` decoded; any order and any duplicates give the same."""
     unique = {(record.vehicle_id, record.log_id, record.number): record for record in records}
     sessions = _sessions(unique)
-    observations, points, refused = [], [], 0
+    observations, points, samples, refused = [], [], [], 0
     for key in sorted(unique):
         record = unique[key]
         if record.kind == STEM_KIND:
@@ -182,11 +194,18 @@ def harvest_of(records: Iterable[RecordLike]) -> Harvest:
             if point is not None:
                 points.append(KeyedPoint(key, point, sessions[key]))
             refused += point is None
-    near = _near_median([*(o.observation for o in observations), *(p.point for p in points)])
+        elif record.kind == PAYLOAD_KIND:
+            sample = decode_sample(record.body, record.vehicle_id)
+            if sample is not None:
+                samples.append(KeyedSample(key, sample, sessions[key], record.made_s))
+            refused += sample is None
+    measured: list[Placed] = [*(o.observation for o in observations), *(p.point for p in points)]
+    near = _near_median(measured or [s.sample for s in samples])
     kept = tuple(o for o in observations if near(o.observation))
     way = tuple(p for p in points if near(p.point))
-    refused += len(observations) - len(kept) + len(points) - len(way)
-    return Harvest(kept, way, refused, tuple(unique[key] for key in sorted(unique)))
+    payload = tuple(s for s in samples if near(s.sample))
+    refused += len(observations) - len(kept) + len(points) - len(way) + len(samples) - len(payload)
+    return Harvest(kept, way, refused, tuple(unique[key] for key in sorted(unique)), payload)
 
 
 def _sessions(unique: Mapping[Key, RecordLike]) -> dict[Key, Session]:
@@ -204,7 +223,7 @@ def _sessions(unique: Mapping[Key, RecordLike]) -> dict[Key, Session]:
     return found
 
 
-def _near_median(places: Sequence[StemObservation | TrackPoint]) -> Callable[[StemObservation | TrackPoint], bool]:
+def _near_median(places: Sequence[Placed]) -> Callable[[Placed], bool]:
     """Tells those that are not astray: one wild position would be most of the map."""
     if not places:
         return lambda _: True

@@ -14,10 +14,11 @@ from types import MappingProxyType
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from companion.survey.stem_fit import LEAST_RAYS as LEAST_STEM_RAYS
-from companion.survey.stem_fit import Cloud, Floats, Solution, StemFit
-from companion.survey.stem_rays import StemRays
+from companion.survey.stem_fit import Cloud, Floats, Linear, Solution, StemFit
+from companion.survey.stem_rays import RAYS_MAX, StemRays
 from mission.schema.kinds import RawLidar
 
 SHIFT_SD_M: Final = 0.03  # priors of a scan's correction
@@ -72,6 +73,7 @@ class JointFit:
         self._lidar: Final = lidar
         self._taper: Final = taper
         self._corrections: Final = corrections
+        self._ended: Final = ScanCorrections()  # as they were when all was fitted
         self._clouds: Final[dict[int, Cloud]] = {}  # by the stem's index; of one with too few rays there is none
         self._solutions: Final[dict[int, Solution]] = {}
 
@@ -81,9 +83,7 @@ class JointFit:
             cloud = Cloud(stem.rays, cut_m, self._lidar, self._taper)
             if len(cloud.scan) < LEAST_STEM_RAYS:
                 continue
-            scans, index = np.unique(cloud.scan, return_inverse=True)
-            cloud.turn_frame(np.array([self._turned_since(int(scan)) for scan in scans])[index].T)
-            cloud.move(self._corrections.of(scans)[index].T)
+            self._place(cloud, self._corrections)
             self._clouds[k] = cloud
             known = self._known.get(stem)
             self._solutions[k] = (
@@ -98,6 +98,27 @@ class JointFit:
             for k, cloud in self._clouds.items():
                 self._solutions[k] = cloud.improve(self._solutions[k], last=k_round == ROUNDS - 1)
                 yield
+        scans = np.unique(np.concatenate([cloud.scan for cloud in self._clouds.values()]))
+        self._ended.update(scans, self._corrections.of(scans))  # others go on from there meanwhile
+
+    def cloud_of(self, k: int) -> tuple[Cloud, NDArray[np.bool_]] | None:
+        """All rays of a stem by the poses that it was fitted with, and which of them the fit counts; None: no fit.
+
+        Of a scan of which no ray was fitted none counts: nothing has corrected it.
+        """
+        solution = self._solutions.get(k)
+        if solution is None or not math.isfinite(solution.cost):
+            return None
+        stem, cut_m = self._stems[k]
+        cloud = Cloud(stem.rays, cut_m, self._lidar, self._taper, rays_taken=RAYS_MAX)
+        self._place(cloud, self._ended)
+        return cloud, Linear(cloud, solution.state).is_of_stem() & np.isin(cloud.scan, self._clouds[k].scan)
+
+    def _place(self, cloud: Cloud, corrections: ScanCorrections) -> None:
+        """Each ray as the frame has been turned since, and as its scan is corrected."""
+        scans, index = np.unique(cloud.scan, return_inverse=True)
+        cloud.turn_frame(np.array([self._turned_since(int(scan)) for scan in scans])[index].T)
+        cloud.move(corrections.of(scans)[index].T)
 
     def _turned_since(self, scan: int) -> Frame:
         """Turn and shift of a scan's places since it was placed."""

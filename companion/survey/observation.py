@@ -75,9 +75,9 @@ def encode(observation: StemObservation) -> bytes:
     if len(observation.reason) > REASON_MAX or not observation.reason.isascii():
         raise ValueError(f"reason = {observation.reason!r}: must be at most {REASON_MAX} ASCII characters")
     _, first_s, last_s, *numbers, measured, lean, arc, rays, grade, reason = astuple(observation)
-    rounded: list[Any] = [_single(number) for number in numbers]
-    lean_told = None if lean is None else _single(lean)
-    told = [first_s, last_s, *rounded, measured, lean_told, _single(arc), rays, int(grade), reason]
+    rounded: list[Any] = [to_single(number) for number in numbers]
+    lean_told = None if lean is None else to_single(lean)
+    told = [first_s, last_s, *rounded, measured, lean_told, to_single(arc), rays, int(grade), reason]
     return cbor2.dumps(told, canonical=True)
 
 
@@ -143,6 +143,6 @@ def is_within(numbers: Any, bounds: Any) -> bool:
     )
 
 
-def _single(number: float) -> float:
+def to_single(number: float) -> float:
     """The nearest of single precision: 5 bytes."""
     return float(struct.unpack("<f", struct.pack("<f", number))[0])

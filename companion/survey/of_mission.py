@@ -10,10 +10,10 @@ if TYPE_CHECKING:
     from companion.survey.surveyor import Surveyor
 
 
-def survey_of(mission: Mission, vehicle_id: int) -> Surveyor | None:
-    """One vehicle's; None: the mission has no [survey]."""
+def survey_of(mission: Mission, vehicle_id: int, *, keeps_returns: bool = False) -> Surveyor | None:
+    """One vehicle's; None: the mission has no [survey]. `keeps_returns`: as `Surveyor` has it."""
     if mission.survey is None:
         return None
     from companion.survey.surveyor import Surveyor
 
-    return Surveyor(mission, vehicle_id)
+    return Surveyor(mission, vehicle_id, keeps_returns=keeps_returns)

@@ -19,7 +19,7 @@ from companion.survey.stem_rays import LEFT, RIGHT, StemRays
 from mission.common.frames import Vec3
 
 PIECES_MAX: Final = 512  # of one turn
-STEMS_MAX: Final = 64  # in sight: with 48 kB each, 3.1 MB at most
+STEMS_MAX: Final = 64  # in sight: with 54 kB each, 3.5 MB at most
 SAME_M: Final = 0.4  # a trunk so near to a stem's axis is that stem
 UNSEEN_S: Final = 3.0  # until a stem has been passed
 LONGEST_S: Final = 40.0  # one that stays in sight is measured anew: the odometry's frame moves
@@ -77,6 +77,7 @@ class RayCollector:
         "frames",
         "ground",
         "lost",
+        "times_s",
     )
 
     def __init__(self, band: Band, reach_m: float) -> None:
@@ -90,6 +91,7 @@ class RayCollector:
         self.ground: Final = Ground()
         self.frame: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of the odometry now, and as scans were placed
         self.frames: Final[dict[int, tuple[float, float, float]]] = {}
+        self.times_s: Final[dict[int, float]] = {}  # when scans were placed
         self.lost = 0  # pieces beyond PIECES_MAX
 
     def integrate(self, scan: LidarScan, pose: ScanPose, now_s: float) -> None:
@@ -131,8 +133,10 @@ class RayCollector:
         self._match_trunks(pose.trunks, pose, now_s)
         self._turns = (self._turns + 1) % TURNS_KEPT
         self.frame = self.frames[self._turns] = pose.frame
+        self.times_s[self._turns] = now_s
         if len(self.frames) > FRAMES_MAX:
-            del self.frames[next(iter(self.frames))]
+            oldest = next(iter(self.frames))
+            del self.frames[oldest], self.times_s[oldest]
         group: _Group | None = None
         for piece in pieces:
             if group is None or not group.has(piece.scan):
@@ -233,7 +237,8 @@ class RayCollector:
             if off_n * off_n + off_e * off_e <= beside_m * beside_m:
                 turn = float(self._turns)
                 edge = float(group.edge_of(scan, at))
-                stem.add((hit_n, hit_e, up_m - down_m, eye_n, eye_e, edge, range_m, turn), group.at_s + late_s)
+                row = (hit_n, hit_e, up_m - down_m, eye_n, eye_e, edge, range_m, turn, scan.elevation_rad)
+                stem.add(row, group.at_s + late_s)
 
     def _take_ground(self, group: _Group, scan: LidarScan) -> None:
         """Some rays of a steep piece."""

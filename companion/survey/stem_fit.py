@@ -63,15 +63,17 @@ class StemFit:
 class Cloud:
     """The points with what is known of each."""
 
-    def __init__(self, rays: array[float], cut_up_m: float, lidar: RawLidar, taper: float) -> None:
+    def __init__(
+        self, rays: array[float], cut_up_m: float, lidar: RawLidar, taper: float, rays_taken: int = RAYS_TAKEN
+    ) -> None:
         """`rays`: those of StemRays; `cut_up_m`: height of the cut, as they have heights.
 
-        `taper`: metres of diameter per metre of height. Of many rays every so many are taken.
+        `taper`: metres of diameter per metre of height. Of more than `rays_taken` rays every so many are taken.
         """
         rows = np.array(rays, dtype=np.float64).reshape(-1, COLUMNS)
         rows = rows[np.isfinite(rows).all(axis=1) & (rows[:, 6] > 0.0)]  # metres along a ray
-        rows = rows[:: 1 + max(0, len(rows) - 1) // RAYS_TAKEN]
-        self.north, self.east, up, self.eye_n, self.eye_e, edge, along, self.scan = rows.T.copy()
+        rows = rows[:: 1 + max(0, len(rows) - 1) // rays_taken]
+        self.north, self.east, up, self.eye_n, self.eye_e, edge, along, self.scan, self.elevation = rows.T.copy()
         self._aim()
         self.up = up - cut_up_m
         self.range_sd = lidar.range_sd_m * self.level / along
@@ -189,6 +191,11 @@ class Linear:
         self.up = cloud.up
         self.bearing = np.arctan2(to_e, to_n)
 
+    def is_of_stem(self) -> NDArray[np.bool_]:
+        """Rays whose residuals are as those of most."""
+        within_m = 3.0 * max(ROUGH_M, 1.4826 * float(np.median(np.abs(self.off))))
+        return np.asarray(np.abs(self.off) < within_m)
+
     def _edges(self, cloud: Cloud, aside: Floats, twice: Floats) -> tuple[Floats, Floats, Floats]:
         """Slopes, residuals and weights of the stem's edges: each is between a ray that hit and the next, which missed.
 
@@ -224,7 +231,7 @@ class Solution:
             return None
         if not (np.isfinite(covariance).all() and (np.diag(covariance) > 0.0).all()):  # ill-conditioned
             return None
-        of_stem = np.abs(linear.off) < 3.0 * max(ROUGH_M, 1.4826 * float(np.median(np.abs(linear.off))))
+        of_stem = linear.is_of_stem()
         sectors = np.floor(linear.bearing[of_stem] * (SECTORS / math.tau)).astype(np.intp) % SECTORS
         occupied = np.count_nonzero(np.bincount(sectors, minlength=SECTORS) >= SECTOR_LEAST)
         low, high = np.percentile(linear.up, (10.0, 90.0))

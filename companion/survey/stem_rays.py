@@ -5,8 +5,8 @@ from __future__ import annotations
 from array import array
 from typing import Final, final
 
-RAYS_MAX: Final = 1500  # of one stem: 8 columns of 4 bytes, 48 kB; thinned to half when they are reached
-COLUMNS: Final = 8
+RAYS_MAX: Final = 1500  # of one stem: 9 columns of 4 bytes, 54 kB; thinned to half when they are reached
+COLUMNS: Final = 9
 LEFT: Final = 1
 RIGHT: Final = 2
 
@@ -41,7 +41,7 @@ class StemRays:
         self.frame_sd_m = 0.0
         self.ground_up_m: float | None = None  # of the ground at it, by rays
         # Rows of COLUMNS: north, east, up of where a ray ended; its eye's north, east; LEFT and RIGHT where the ray
-        # beside it went on; metres along it; its turn
+        # beside it went on; metres along it; its turn; elevation of its layer, rad
         self.rays: array[float] = array("f")
         self._every = 1  # of how many rays one is kept
         self._skipped = 0

@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator
-from typing import Final
+from typing import Final, NamedTuple
 
+import numpy as np
+
+from companion.cloud.returns import OF_STEM, POINT, StemReturns, encode_returns
 from companion.core.model.events import LidarScan
 from companion.core.perception.landmarks.scan_pose import ScanPose
 from companion.survey.alignment import JointFit, ScanCorrections
@@ -16,7 +19,7 @@ from companion.survey.observation import STEM_KIND, Grade, StemObservation, enco
 from companion.survey.rays import STEMS_MAX, Band, RayCollector
 from companion.survey.standing_vehicles import StandingVehicles
 from companion.survey.stem_fit import LEAST_RAYS, Floats, StemFit
-from companion.survey.stem_rays import StemRays
+from companion.survey.stem_rays import COLUMNS, StemRays
 from companion.survey.taper import Taper, is_at_breast_height
 from companion.survey.track import TRACK_KIND, TrackPoint, encode_track
 from mission.document.model import Mission
@@ -42,14 +45,26 @@ WAITS_S: Final = 6.0  # or fewer, when the first has waited for so long
 CONTEXT_RAYS: Final = 60  # a stem in sight with fewer aligns nothing
 CONTEXT_MAX: Final = 8
 SD_MAX_M: Final = 1.0  # of a diameter: a fit that tells nothing
+RETURNS_MAX: Final = 256  # passes that wait to be taken: 7 MB
 STEPS_LANDED: Final = 400  # a tick: on the ground nothing waits
+
+
+class _Fitted(NamedTuple):
+    """A stem that was fitted."""
+
+    stem: StemRays
+    joint: JointFit
+    k: int  # of the stem there
+    cut: tuple[float, float, float]
+    anchor_ne_m: Place
+    observation: StemObservation | None
 
 
 class Surveyor:
     """`integrate` each piece of a scan, then `take_records` once a tick; one fit a tick at most."""
 
-    def __init__(self, mission: Mission, vehicle_id: int) -> None:
-        """ValueError when the mission has no [survey]."""
+    def __init__(self, mission: Mission, vehicle_id: int, *, keeps_returns: bool = False) -> None:
+        """ValueError when the mission has no [survey]. `keeps_returns`: those of stems, for `take_returns`."""
         survey, sensing = mission.survey, mission.sensing
         if survey is None or sensing is None:
             raise ValueError("the mission has no [survey]")
@@ -77,6 +92,11 @@ class Surveyor:
         self._anchors: dict[StemRays, tuple[Place, Place]] = {}  # the same when a stem was tracked first and last
         self._tracked_s = -math.inf
         self._ticked_s: float | None = None
+        self._keeps_returns: Final = keeps_returns
+        self._fitted: deque[_Fitted] = deque(maxlen=QUEUE_MAX)  # passes whose returns are to be put together
+        self._returns: deque[bytes] = deque(maxlen=RETURNS_MAX)  # the oldest go, where nobody takes them
+        side = -1.0 if sensing.upside_down else 1.0
+        self._layers_rad: Final = np.radians(side * np.array(self._lidar.elevations_deg))
 
     def integrate(self, scan: LidarScan, pose: ScanPose, now_s: float) -> None:
         """A piece of a scan, and the pose of its tick.
@@ -107,6 +127,14 @@ class Surveyor:
                 self._work = None
             else:
                 found += [(STEM_KIND, encode(observation)) for observation in measured]
+        for _ in range(min(len(self._fitted), STEPS_LANDED if landed else 1)):
+            self._keep_returns(self._fitted.popleft())
+        return found
+
+    def take_returns(self) -> list[bytes]:
+        """Passes of stems that were fitted, as `companion.cloud.returns` encodes them, since last asked."""
+        found = list(self._returns)
+        self._returns.clear()
         return found
 
     # --- inside ---
@@ -157,11 +185,15 @@ class Surveyor:
             yield []
         states = {stem: joint.state_of(len(passed) + k) for k, stem in enumerate(context)}
         self._known = {stem: state for stem, state in states.items() if state is not None}
+        fits = [joint.fit_of(k) for k in range(len(passed))]
         measured = [
-            self._observe_stem(stem, fit, cuts[k])
-            for k, stem in enumerate(passed)
-            if (fit := joint.fit_of(k)) is not None
+            None if fit is None else self._observe_stem(stem, fit, cut)
+            for stem, fit, cut in zip(passed, fits, cuts, strict=False)
         ]
+        if self._keeps_returns:
+            self._fitted += [
+                _Fitted(stem, joint, k, cuts[k], self._anchor_of(stem), measured[k]) for k, stem in enumerate(passed)
+            ]
         self._hulls &= {*self.collector.stems, *self._passed}
         self._anchors = {stem: held for stem, held in self._anchors.items() if stem not in done}
         yield [observation for observation in measured if observation is not None]
@@ -180,13 +212,13 @@ class Surveyor:
         grade, reason = grade_fit(fit, dbh_sd_m)
         if grade is Grade.GOOD and not measured:
             grade, reason = Grade.FAIR, f"by taper from {cut_up_m:.1f} m"
-        first, last = self._anchors.get(stem, (self._anchor_ne_m or (0.0, 0.0),) * 2)
+        anchor_n_m, anchor_e_m = self._anchor_of(stem)
         return StemObservation(
             vehicle_id=self._vehicle_id,
             first_s=stem.born_s,
             last_s=max(stem.born_s, stem.ray_s),
-            north_m=fit.north_m + 0.5 * (first[0] + last[0]),
-            east_m=fit.east_m + 0.5 * (first[1] + last[1]),
+            north_m=fit.north_m + anchor_n_m,
+            east_m=fit.east_m + anchor_e_m,
             position_sd_m=math.hypot(fit.position_sd_m, POSE_SD_M),
             frame_sd_m=stem.frame_sd_m,
             cut_up_m=cut_up_m,
@@ -202,9 +234,39 @@ class Surveyor:
             reason=reason,
         )
 
+    def _anchor_of(self, stem: StemRays) -> Place:
+        """Mission's frame less the odometry's, north and east, while a stem was tracked."""
+        first, last = self._anchors.get(stem, (self._anchor_ne_m or (0.0, 0.0),) * 2)
+        return 0.5 * (first[0] + last[0]), 0.5 * (first[1] + last[1])
+
+    def _keep_returns(self, fitted: _Fitted) -> None:
+        """All rays that were pooled for a stem, as the fit has them; a millisecond."""
+        found = fitted.joint.cloud_of(fitted.k)
+        if found is None:
+            return
+        cloud, is_of_stem = found
+        stem, (cut_m, cut_up_m, cut_sd_m) = fitted.stem, fitted.cut
+        times_s = self.collector.times_s
+        points = np.zeros(len(cloud.scan), dtype=POINT)
+        points["north_m"], points["east_m"] = cloud.north - stem.north_m, cloud.east - stem.east_m
+        points["up_m"] = cloud.up + cut_m
+        points["at_s"] = [times_s.get(int(scan), stem.ray_s) - stem.born_s for scan in cloud.scan]
+        points["ring"] = np.argmin(np.abs(cloud.elevation[:, None] - self._layers_rad), axis=1)
+        points["flags"] = OF_STEM * is_of_stem
+        told = StemReturns(
+            vehicle_id=self._vehicle_id,
+            body=b"" if fitted.observation is None else encode(fitted.observation),
+            first_s=stem.born_s,
+            north_m=stem.north_m + fitted.anchor_ne_m[0],
+            east_m=stem.east_m + fitted.anchor_ne_m[1],
+            ground_up_m=cut_m - cut_up_m if cut_sd_m == GROUND_SD_M else None,
+            points=points,
+        )
+        self._returns.append(encode_returns(told))
+
     def _cut_of(self, stem: StemRays) -> tuple[float, float, float]:
         """Height of the cut as its rays have it; the same above the ground at the stem; the error of that."""
-        heights = sorted(stem.rays[2::8])
+        heights = sorted(stem.rays[2::COLUMNS])
         middle_m = heights[len(heights) // 2]
         if not self._cuts_breast:
             return middle_m, middle_m, math.hypot(FLIGHT_HEIGHT_SD_M, LIDAR_HEIGHT_SD_M)

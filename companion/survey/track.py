@@ -7,7 +7,7 @@ from typing import Final
 
 import cbor2
 
-from companion.survey.observation import FAR_MAX_M, _single, decode_array, is_within
+from companion.survey.observation import FAR_MAX_M, decode_array, is_within, to_single
 
 TRACK_KIND: Final = 2  # of a record that holds one
 _BOUNDS: Final = ((0.0, 1e12), (-FAR_MAX_M, FAR_MAX_M), (-FAR_MAX_M, FAR_MAX_M), (0.0, FAR_MAX_M), (0.0, 1000.0))
@@ -28,7 +28,7 @@ class TrackPoint:
 def encode_track(point: TrackPoint) -> bytes:
     """Without the vehicle's id, which its record bears."""
     numbers = (point.north_m, point.east_m, point.frame_sd_m, point.range_m)
-    return cbor2.dumps([point.at_s, *map(_single, numbers)], canonical=True)
+    return cbor2.dumps([point.at_s, *map(to_single, numbers)], canonical=True)
 
 
 def decode_track(body: bytes, vehicle_id: int) -> TrackPoint | None:

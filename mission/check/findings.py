@@ -15,6 +15,7 @@ from mission.document.barometer import find_lacking_room
 from mission.document.height_layers import APART_M, LIMIT_M, list_layers
 from mission.document.load import Document
 from mission.document.model import Mission
+from mission.rules.payload_rules import records_hz, records_max_hz
 from mission.rules.survey_rules import cut_distances_m
 from mission.schema.check import validated
 from mission.schema.sim import OdometryErrors, RangingErrors, Sky
@@ -55,6 +56,7 @@ def check_document(document: Document, path: str | os.PathLike[str], read: ReadS
         *_idle(mission),
         *_layers(mission),
         *_survey(mission),
+        *_payload(mission),
         *_sensors(mission),
         *([lacking] if lacking else []),
         *notes,
@@ -126,6 +128,13 @@ def _survey(mission: Mission) -> Iterator[str]:
         f"survey: stems are cut at flight height, {mission.route.d1_enu_m[2]:g} m: diameters at breast height come by "
         f"taper, {taper}, never by measurement"
     )
+
+
+def _payload(mission: Mission) -> Iterator[str]:
+    """A note on what is recorded besides, and how much that is."""
+    if mission.payload:
+        kinds = ", ".join(f"{one.name} ({one.unit}) each {one.period_s:g} s" for one in mission.payload)
+        yield f"payload: {kinds}: {records_hz(mission):.1f} records a second of {records_max_hz(mission):.1f} at most"
 
 
 def _check_stand(

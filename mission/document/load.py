@@ -120,8 +120,10 @@ def dump_mission(mission: Mission, *, all_keys: bool = True) -> str:
     MissionError when that is more than a mission file may hold.
     """
     values = mission.model_dump(mode="json", by_alias=True, exclude_none=True, exclude_unset=not all_keys)
+    payload = values.pop("payload", [])  # tables, of which there may be none
     tables = {key: value for key, value in values.items() if isinstance(value, Mapping)}
     blocks = [_pairs({key: value for key, value in values.items() if key not in tables})]
+    blocks += [f"[[payload]]\n{_pairs(item)}" for item in payload]
     for name, table in tables.items():
         arrays = {key: value for key, value in table.items() if _is_tables(value)}
         inner = {key: value for key, value in table.items() if isinstance(value, Mapping)}

@@ -7,11 +7,12 @@ from typing import Any, Self
 
 from pydantic import ConfigDict, model_validator
 
-from mission.rules import fence_rules, flight_rules, forest_rules, survey_rules
+from mission.rules import fence_rules, flight_rules, forest_rules, payload_rules, survey_rules
 from mission.schema.check import validated
 from mission.schema.conflict import ConflictError
 from mission.schema.faults import within
 from mission.schema.forest import MAX_TREES, Box, Forest, StandSpec, Tree
+from mission.schema.payload import Payload
 from mission.schema.sim import (
     Drag,
     Estimates,
@@ -66,6 +67,7 @@ __all__ = [
     "Mission",
     "OdometryErrors",
     "Origin",
+    "Payload",
     "Personality",
     "Placement",
     "PositionUncertain",
@@ -98,7 +100,9 @@ class Mission(MissionTables):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         conflicts = tuple(
-            c for laws in (flight_rules, fence_rules, forest_rules, survey_rules) for c in laws.conflicts(self)
+            c
+            for laws in (flight_rules, fence_rules, forest_rules, survey_rules, payload_rules)
+            for c in laws.conflicts(self)
         )
         if conflicts:
             raise ConflictError(conflicts)

@@ -18,6 +18,7 @@ from mission.common.frames import Vec3, Wgs84
 from mission.schema.fields import COORDINATE_MAX_M, MAX_VEHICLES, Coordinate, Integer, Number, Table, Text, VehicleId
 from mission.schema.forest import Forest
 from mission.schema.kinds import SensorClass
+from mission.schema.payload import PAYLOADS_MAX, Payload
 from mission.schema.sim import Sim
 
 RANGE_MAX_M = 6_500.0  # SWARM_BEACON.range_dm is a uint16
@@ -564,6 +565,14 @@ class MissionTables(Table):
             "scans), keeps a record of each, and passes its records on to the base station."
         ),
     ] = None
+    payload: Annotated[
+        tuple[Payload, ...],
+        Field(
+            max_length=PAYLOADS_MAX,
+            description="Optional: quantities that every vehicle records along its way besides, one table for each: "
+            "light, humidity, temperature. Its records go to the base station as those of a survey do.",
+        ),
+    ] = ()
     forest: Annotated[Forest, Field(description="What grows there, for the simulator.")] = Forest()
     sim: Annotated[Sim, Field(description="For the simulator alone.")] = Sim()
 
@@ -578,6 +587,11 @@ class MissionTables(Table):
     def without_satellites(self) -> frozenset[int]:
         """Ids of the vehicles that have no satellite positions."""
         return frozenset(k for k in range(1, self.swarm.size + 1) if not self.has_satellites(k))
+
+    @property
+    def keeps_records(self) -> bool:
+        """Vehicles make records, and there is a base station for them."""
+        return self.survey is not None or bool(self.payload)
 
     @property
     def flies_by_ranges(self) -> bool:

@@ -22,6 +22,8 @@ from mission.stems.headings import Meaning
 from mission.stems.stem_files import MAX_COLUMNS, Row, Rows
 
 MAX_LAYERS: Final = 100
+STEMS: Final = "stems"
+OURS: Final = {STEMS, "payload"}  # layers of a base station's file: what its vehicles recorded besides is no stem
 MAX_STEPS: Final = 2_000  # of PROGRESS_EVERY virtual machine instructions: 20,000 trees of 200 columns take 90
 PROGRESS_EVERY: Final = 100_000
 WAL_AT: Final = slice(18, 20)  # in SQLite's header: what a file in write-ahead mode says, and no copy in memory can be
@@ -85,6 +87,8 @@ def _layer(database: sqlite3.Connection, place: str) -> Layer:
         "SELECT table_name, column_name, geometry_type_name, srs_id FROM gpkg_geometry_columns LIMIT ?", (MAX_LAYERS,)
     ).fetchall()
     points = [layer for layer in layers if str(layer[2]).upper() in ("POINT", "GEOMETRY") and layer[0] in tables]
+    if {layer[0] for layer in points} == OURS:
+        points = [layer for layer in points if layer[0] == STEMS]
     if len(points) != 1:
         named = ", ".join(f"{printable(str(name), 30)} ({printable(str(kind), 20)})" for name, _, kind, _ in layers[:8])
         raise refused(place, None, f"must have one layer of points, the trunks' axes (found: {named or 'none'})")

@@ -11,7 +11,7 @@ import sqlite3
 import struct
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from typing import Final
+from typing import Final, NamedTuple
 
 from mission.common.frames import LocalFrame, Wgs84, enu_to_ned
 from mission.schema.trees import StandTree
@@ -66,39 +66,49 @@ def to_gpkg(trees: Sequence[StandTree], origin: Wgs84 | None, ids: Sequence[str]
     places = [(tree.east_m, tree.north_m) for tree in trees]
     named = ids or [""] * len(trees)
     rows = [(*_measures(tree), name or None) for tree, name in zip(trees, named, strict=True)]
-    return points_gpkg(LAYER, COLUMNS, places, rows, origin)
+    return points_gpkg([PointLayer(LAYER, COLUMNS, places, rows)], origin)
 
 
-def points_gpkg(
-    layer: str,
-    columns: Mapping[str, str],
-    places_m: Sequence[tuple[float, float]],
-    rows: Sequence[Sequence[Cell]],
-    origin: Wgs84 | None,
-) -> bytes:
-    """A layer of points, east, north m of the origin. `columns`: names, and types of GeoPackage; `rows`: as these."""
-    for name in (layer, *columns):
-        if not _NAME.fullmatch(name):
-            raise ValueError(f"{name!r} is no name of a layer or column")
+class PointLayer(NamedTuple):
+    """A layer of points."""
+
+    name: str
+    columns: Mapping[str, str]  # names, and types of GeoPackage
+    places_m: Sequence[tuple[float, float]]  # east, north of the origin
+    rows: Sequence[Sequence[Cell]]  # as `columns`
+
+
+def points_gpkg(layers: Sequence[PointLayer], origin: Wgs84 | None) -> bytes:
+    """A file of these layers. ValueError: a name that is none of SQL."""
     srs_id = CARTESIAN_ID if origin is None else WGS84_ID
     frame = None if origin is None else LocalFrame(origin)
-    points = [_position(place, frame) for place in places_m]
-    named = ", ".join(f"{name} {kind}" for name, kind in columns.items())
     with closing(sqlite3.connect(":memory:")) as database:
         database.executescript(SCHEMA)
-        database.execute(f"CREATE TABLE {layer} (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, geom POINT, {named})")
         database.executemany("INSERT INTO gpkg_spatial_ref_sys VALUES (?, ?, ?, ?, ?, '')", SYSTEMS)
-        xs, ys = [x for x, _ in points], [y for _, y in points]
-        extent = (min(xs), min(ys), max(xs), max(ys)) if points else (None,) * 4
-        contents = (layer, "features", layer, "", LAST_CHANGE, *extent, srs_id)
-        database.execute(f"INSERT INTO gpkg_contents VALUES ({', '.join('?' * len(contents))})", contents)
-        database.execute("INSERT INTO gpkg_geometry_columns VALUES (?, 'geom', 'POINT', ?, 0, 0)", (layer, srs_id))
-        database.executemany(
-            f"INSERT INTO {layer} (geom, {', '.join(columns)}) VALUES ({', '.join('?' * (1 + len(columns)))})",
-            [(_blob(point, srs_id), *row) for point, row in zip(points, rows, strict=True)],
-        )
+        for layer in layers:
+            _insert_layer(database, layer, [_position(place, frame) for place in layer.places_m], srs_id)
         database.commit()
         return database.serialize()
+
+
+def _insert_layer(
+    database: sqlite3.Connection, layer: PointLayer, points: Sequence[tuple[float, float]], srs_id: int
+) -> None:
+    name = layer.name
+    for word in (name, *layer.columns):
+        if not _NAME.fullmatch(word):
+            raise ValueError(f"{word!r} is no name of a layer or column")
+    columns = "".join(f", {column} {kind}" for column, kind in layer.columns.items())
+    database.execute(f"CREATE TABLE {name} (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, geom POINT{columns})")
+    xs, ys = [x for x, _ in points], [y for _, y in points]
+    extent = (min(xs), min(ys), max(xs), max(ys)) if points else (None,) * 4
+    contents = (name, "features", name, "", LAST_CHANGE, *extent, srs_id)
+    database.execute(f"INSERT INTO gpkg_contents VALUES ({', '.join('?' * len(contents))})", contents)
+    database.execute("INSERT INTO gpkg_geometry_columns VALUES (?, 'geom', 'POINT', ?, 0, 0)", (name, srs_id))
+    database.executemany(
+        f"INSERT INTO {name} (geom, {', '.join(layer.columns)}) VALUES ({', '.join('?' * (1 + len(layer.columns)))})",
+        [(_blob(point, srs_id), *row) for point, row in zip(points, layer.rows, strict=True)],
+    )
 
 
 def _position(place_m: tuple[float, float], frame: LocalFrame | None) -> tuple[float, float]:

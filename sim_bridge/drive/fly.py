@@ -364,7 +364,8 @@ def _in_process(
     disk = None if harvest is None else harvest.disks[vehicle_id]
     box = boxes(vehicle_id, guard, orders)
     one = partial(InProcess, mission, vehicle_id, beacons=beacons, stages=stages, records=records, disk=disk)
-    return one(guard=guard, orders=orders, box=box)
+    returns = None if harvest is None else harvest.returns(vehicle_id)
+    return one(guard=guard, orders=orders, box=box, returns=returns)
 
 
 def _run(

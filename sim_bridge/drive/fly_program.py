@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
                 except StartError:
                     _leave_nothing(folder, mission.forest.file)
                     raise
-            if mission.survey is not None:
+            if mission.keeps_records:
                 from sim_bridge.drive.stand_files import write_stand  # numpy's and scipy's parts that only it needs
 
                 for line in write_stand(mission, folder):

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+from companion.cloud.returns_file import ReturnsFileError
+from companion.cloud.returns_log import SUFFIX
 from companion.stand.fusion.fuse import TooManyError
-from companion.stand.products.write import describe_products, write_products
+from companion.stand.products.write import Products, describe_products, write_products
 from companion.stand.records import RecordsError, read_records
 from mission.document.model import Mission
-from sim_bridge.drive.lockstep.harvest import BASE_FILE
+from sim_bridge.drive.lockstep.harvest import BASE_FILE, COMPANIONS
 from sim_bridge.judge.run_folder import STAND_FOLDER
 from sim_bridge.world.world import DEFAULT_ORIGIN
 
@@ -17,7 +20,7 @@ PLACED: Final = "no [origin]: placed at the simulator's default origin"
 
 
 def write_stand(mission: Mission, folder: Path) -> list[str]:
-    """Writes them into the run folder of a mission with [survey]; lines for people."""
+    """Writes them into the run folder of a mission that keeps records; lines for people."""
     records = folder / BASE_FILE
     placed, note, said = mission, "", ""
     if mission.origin is None:
@@ -26,4 +29,20 @@ def write_stand(mission: Mission, folder: Path) -> list[str]:
         written = write_products(read_records(records), placed, folder / STAND_FOLDER, origin_note=note)
     except (RecordsError, TooManyError, OSError) as error:
         return [f"stand: not written: {error}"]
-    return [f"stand: {describe_products(written)}{said}", f"stand: report and files in {folder / STAND_FOLDER}"]
+    lines = [f"stand: {describe_products(written)}{said}"]
+    files = sorted((folder / COMPANIONS).glob(f"*{SUFFIX}"))
+    if files:
+        lines.append(f"stand: {_write_cloud(files, written, placed, folder / STAND_FOLDER)}")
+    return [*lines, f"stand: report and files in {folder / STAND_FOLDER}"]
+
+
+def _write_cloud(files: Sequence[Path], written: Products, mission: Mission, out: Path) -> str:
+    """The point cloud of the vehicles' returns; a line for people."""
+    try:
+        from companion.stand.cloud.write import describe_cloud, write_cloud
+    except ModuleNotFoundError as error:
+        return f"cloud: not written: {error.name} is not installed"
+    try:
+        return describe_cloud(write_cloud(files, written, mission, out))
+    except (ReturnsFileError, OSError) as error:
+        return f"cloud: not written: {error}"

@@ -22,6 +22,7 @@ from sim_bridge.judge.progress import Progress
 from tests.bench import (
     bad_radio,
     black_box,
+    cloud,
     defences,
     encounters,
     floods,
@@ -81,6 +82,7 @@ PROGRAMS = {
     "stand-figures": stand_figures.main,
     "stand-flights": stand_flights.main,
     "stand-map": stand_map.main,
+    "cloud": cloud.main,
     "stand-until": stand_until.main,
     "survey": survey.main,
     "survey-fits": survey_fits.main,
@@ -345,6 +347,7 @@ ABOUT = {
     "signed-radio": "frames forged or sent again, by the million; what signing costs: see signed-radio --help",
     "spoofing": "own positions that jump, freeze, drift: what is noticed, and false alarms: see spoofing --help",
     "stand-figures": "a stand's figures of drawn and real stands against the truth: see stand-figures --help",
+    "cloud": "how far the point cloud of a flight that surveyed lies from the true bark: see cloud --help",
     "stand-map": "the fused stem map of a flight that surveyed against its trees: see stand-map --help",
     "stand-until": "surveys that stop by the interval of their basal area: see stand-until --help",
     "survey": "stems measured by a lidar of each class against the bridge's trees: see survey --help",

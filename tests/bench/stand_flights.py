@@ -28,8 +28,9 @@ from mission.stand.stand import stand_of
 from sim_bridge.drive.fly import Flight
 from sim_bridge.drive.stand_files import write_stand
 from sim_bridge.judge.metrics.stems import DBH_LEAST_M, PASSED_SHARE
+from sim_bridge.judge.run_folder import STAND_FOLDER
 from sim_bridge.lab.study.backends.agents import fly_stack
-from tests.bench.stand_map import DIAMETER, Compared, compare, read_map
+from tests.bench.stand_map import DIAMETER, Compared, compare, read_stems
 from tests.bench.table import spread
 
 Floats = npt.NDArray[np.float64]
@@ -137,7 +138,7 @@ def fly_one(case: Case) -> Result:
     with tempfile.TemporaryDirectory() as folder:
         outcome = fly_stack(mission, Path(folder), on_jsbsim=True, watch=look)
         write_stand(mission, Path(folder))
-        told = read_map(Path(folder))
+        told = read_stems(Path(folder) / STAND_FOLDER / "stems.csv")
     flown_m = np.concatenate([way for way in ways_m if len(way)])[:, [1, 0]]
     away_m, _ = cKDTree(flown_m).query(trees[:, :2])
     is_passed = (trees[:, DIAMETER] >= DBH_LEAST_M) & (away_m <= PASSED_SHARE * mission.survey.reach_m)

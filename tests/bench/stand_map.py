@@ -67,9 +67,9 @@ def compare(told: Floats, trees: Floats) -> Compared:
     return Compared(len(told), len(stem), dbh_off_m, told[stem, 3], tree, told[stem, :2], off_m)
 
 
-def read_map(run: Path) -> Floats:
-    """The counted stems of a run folder's map: east, north, DBH and its standard error, metres."""
-    with (run / STAND_FOLDER / "stems.csv").open(encoding="utf-8", newline="") as text:
+def read_stems(file: Path) -> Floats:
+    """The counted stems of a map: east, north, DBH and its standard error, metres."""
+    with file.open(encoding="utf-8", newline="") as text:
         rows = [row for row in csv.DictReader(text) if row["counted"] == "1"]
     return np.asarray([[unit * float(row[name]) for name, unit in COLUMNS] for row in rows]).reshape(-1, 4)
 
@@ -82,7 +82,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     file = run / MISSION_NAME
     stand = resolve_stand(load_mission(file), file)
     trees = np.asarray([(t.east_m, t.north_m, 2.0 * t.radius_m) for t in stand.trees]).reshape(-1, 3)
-    print(compare(read_map(run), trees).said())
+    print(compare(read_stems(run / STAND_FOLDER / "stems.csv"), trees).said())
     return 0
 
 

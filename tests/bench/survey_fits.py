@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from companion.survey.stem_rays import COLUMNS
 from tests.unit.survey.survey_kit import fitted
 from tests.unit.survey.test_stem_fit import blurred, stems_about
 
@@ -35,7 +36,7 @@ def main(_argv: Sequence[str]) -> int:
             fit = getattr(circle_fit, name)
             pooled, single = (off.setdefault(f"circle-fit {name}, {how}", []) for how in ("pooled", "mean of scans"))
             for cloud in clouds:
-                rows = np.array(cloud).reshape(-1, 8)
+                rows = np.array(cloud).reshape(-1, COLUMNS)
                 pooled.append(2.0 * fit(rows[:, :2])[2] - TRUE_M)
                 scans = [rows[rows[:, 7] == scan, :2] for scan in np.unique(rows[:, 7])]
                 radii = [fit(points)[2] for points in scans if len(points) >= LEAST_RAYS]

@@ -13,6 +13,10 @@ _.compat_flags
 _.srcSystem
 _.srcComponent
 _.satellites_visible  # MAVLink messages of GNSS receivers
+_.generating_software  # laspy's header
+_.creation_date
+_.scales
+_.wkt
 _.daemon_threads  # socketserver
 _.block_on_close
 _.allow_reuse_address

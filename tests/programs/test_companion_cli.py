@@ -95,7 +95,7 @@ def test_sensor_that_the_mission_does_not_fly_by_is_refused(mission: Path, name:
 @pytest.mark.parametrize(
     ("value", "what"),
     [
-        ("sonar=udpin://127.0.0.1:1", "NAME one of obstacles, lidar, ranges"),
+        ("sonar=udpin://127.0.0.1:1", "NAME one of obstacles, lidar, ranges, payload"),
         ("udpin://127.0.0.1:1", "must be NAME=URL"),
         ("obstacles=tcp://127.0.0.1:1", "udpin://HOST:PORT"),
     ],

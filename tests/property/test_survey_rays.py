@@ -15,7 +15,7 @@ from companion.core.model.events import LidarScan
 from companion.survey.alignment import JointFit, ScanCorrections
 from companion.survey.rays import Band, RayCollector
 from companion.survey.stem_fit import LEAST_RAYS, StemFit
-from companion.survey.stem_rays import StemRays
+from companion.survey.stem_rays import COLUMNS, StemRays
 from mission.schema.kinds import RAW_LIDARS, SensorClass
 from tests.unit.survey.survey_kit import passing, rays_at, stem_of
 from tests.unit.survey.test_rays import pose_at, trunk_at
@@ -25,7 +25,7 @@ odd = st.sampled_from([0.0, -0.0, math.nan, math.inf, -math.inf, 1e-30, 3e38, -3
 single = st.floats(-50.0, 50.0, width=32) | odd
 edges = st.sampled_from([0.0, 1.0, 2.0, 3.0])
 scans = st.integers(0, 5).map(float)
-ray = st.tuples(single, single, single, single, single, edges | odd, single, scans | odd)
+ray = st.tuples(single, single, single, single, single, edges | odd, single, scans | odd, single)
 starts = st.tuples(single, single, single)
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")  # of numbers that are none; their fits are dropped
 
@@ -36,6 +36,7 @@ def fits_of(stems: list[StemRays], *, cut_m: float = 0.0) -> list[StemFit | None
         pass
     for k in range(len(stems)):
         joint.state_of(k)
+        joint.cloud_of(k)
     return [joint.fit_of(k) for k in range(len(stems))]
 
 
@@ -62,14 +63,14 @@ def test_nothing_to_fit_is_no_fit() -> None:
 def test_a_stem_of_too_few_rays_leaves_the_others_fits_as_they_are(count: int) -> None:
     good = rays_at(lambda _: 0.12, passing(), np.random.default_rng(1))
     alone = fits_of([stem_of(good)], cut_m=1.3)
-    few = stem_of(good[: 8 * count], (0.0, 0.0, 0.1))
+    few = stem_of(good[: COLUMNS * count], (0.0, 0.0, 0.1))
     assert fits_of([few, stem_of(good)], cut_m=1.3) == [None, *alone]
     assert alone != [None]
 
 
 def test_rays_without_numbers_leave_the_others_fits_as_they_are() -> None:
     good = rays_at(lambda _: 0.12, passing(), np.random.default_rng(1))
-    broken = stem_with([(math.nan,) * 8] * 30, (0.0, 0.0, 0.1))
+    broken = stem_with([(math.nan,) * COLUMNS] * 30, (0.0, 0.0, 0.1))
     lost = stem_of(good, (math.nan, math.nan, 0.1))  # tracked nowhere: its rays tell where it is, or nothing does
     alone = fits_of([stem_of(good)], cut_m=1.3)
     assert fits_of([broken, stem_of(good)], cut_m=1.3) == [None, *alone]

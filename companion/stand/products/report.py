@@ -10,6 +10,7 @@ from companion.stand.figures.estimate import CLASS_M, DBH_MIN_M, FOUND_MIN, REPE
 from companion.stand.figures.intervals import Estimate
 from companion.stand.fusion.diameters import BOTH, MEASURED, TAPER
 from companion.stand.fusion.fuse import FusedStem, Fusion
+from companion.stand.products.payload import quantities_of
 from companion.stand.products.plan import Plan, drawn_plan
 from companion.stand.records import Harvest
 from companion.survey.observation import Grade
@@ -80,7 +81,7 @@ def report_page(mission: Mission, harvest: Harvest, fusion: Fusion, ground: Seen
 </div>
 <div>
 <section><h2>Stand</h2>{_stand(figures)}</section>
-<section><h2>Diameters</h2>{distribution}</section>
+<section><h2>Diameters</h2>{distribution}</section>{_payload(harvest)}
 <section><h2>Not seen</h2>{"".join(f"<p>{line}</p>" for line in _unseen(figures, fusion.stems))}</section>
 </div>
 </div>
@@ -150,6 +151,24 @@ def _distribution(figures: StandFigures) -> Iterator[str]:
         yield f"<td>{_bound(low, 0)}</td><td>{_bound(high, 0)}</td>"
         yield f'<td class="bar"><i style="width:{width:.0f}%"></i></td></tr>'
     yield "</tbody></table>"
+
+
+def _payload(harvest: Harvest) -> str:
+    """The section of other sensors; empty: none was recorded."""
+    quantities = quantities_of(harvest.payload)
+    if not quantities:
+        return ""
+    body = "".join(
+        f'<tr><th scope="row">{escape(one.name)}</th><td>{escape(one.unit)}</td><td>{one.n}</td><td>{one.mean:.4g}</td>'
+        f"<td>{'' if one.sd is None else f'{one.sd:.3g}'}</td><td>{one.min:.4g}</td><td>{one.max:.4g}</td></tr>"
+        for one in quantities
+    )
+    columns = ("Quantity", "Unit", "Values", "Mean", "SD", "Least", "Greatest")
+    head = "".join(f'<th scope="col">{column}</th>' for column in columns)
+    return (
+        "\n<section><h2>Other sensors</h2><table><caption>Where the vehicles flew, each value once; SD: between values."
+        f"</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></section>"
+    )
 
 
 def _legend(plan: Plan | None, stems: Sequence[FusedStem]) -> str:

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
 from typing import Any, Final, NamedTuple
 
+from companion.payload.sample import PAYLOAD_KIND
 from companion.stand.fusion.fuse import FusedStem
 from companion.stand.records import Harvest
 from companion.survey.observation import STEM_KIND
@@ -61,7 +62,7 @@ def to_csv(stems: Sequence[FusedStem]) -> str:
     """In metres east and north of the mission's origin; `mission forest import` reads it."""
     heading = ["east_m", "north_m", *(column.name for column in COLUMNS)]
     places = [[f"{stem.east_m:.3f}", f"{stem.north_m:.3f}"] for stem in stems]
-    return _csv([heading, *([*place, *row] for place, row in zip(places, rows_of(stems), strict=True))])
+    return csv_text([heading, *([*place, *row] for place, row in zip(places, rows_of(stems), strict=True))])
 
 
 def to_3dfin_csv(stems: Sequence[FusedStem], origin: Wgs84 | None) -> tuple[str, str]:
@@ -75,7 +76,7 @@ def to_3dfin_csv(stems: Sequence[FusedStem], origin: Wgs84 | None) -> tuple[str,
             at = frame.to_wgs84(enu_to_ned((x, y, 0.0)))
             x, y = utm.from_wgs84(at.lat_deg, at.lon_deg, zone)
         rows.append([k, "", f"{stem.dbh_m:.4f}", f"{x:.3f}", f"{y:.3f}", stem.stem_id])
-    return _csv(rows), "metres of the mission's frame" if zone is None else f"{zone} (EPSG:{zone.epsg})"
+    return csv_text(rows), "metres of the mission's frame" if zone is None else f"{zone} (EPSG:{zone.epsg})"
 
 
 def to_geojson(stems: Sequence[FusedStem], origin: Wgs84) -> str:
@@ -94,14 +95,16 @@ def to_geojson(stems: Sequence[FusedStem], origin: Wgs84) -> str:
 def to_json_lines(harvest: Harvest) -> str:
     """Every record, as it was received (body: base64) and as it was understood."""
     told: dict[tuple[int, int, int], dict[str, Any]] = {o.key: asdict(o.observation) for o in harvest.observations}
-    told |= {p.key: asdict(p.point) for p in harvest.track}
+    told |= {p.key: asdict(p.point) for p in harvest.track} | {s.key: asdict(s.sample) for s in harvest.payload}
     lines = []
     for record in harvest.records:
         line = {
             "vehicle_id": record.vehicle_id,
             "log_id": record.log_id,
             "number": record.number,
-            "kind": {STEM_KIND: "stem", TRACK_KIND: "track"}.get(record.kind, int(record.kind)),
+            "kind": {STEM_KIND: "stem", TRACK_KIND: "track", PAYLOAD_KIND: "payload"}.get(
+                record.kind, int(record.kind)
+            ),
             "made_s": record.made_s,
             "proven": record.proven,
             "body": base64.b64encode(record.body).decode(),
@@ -111,7 +114,8 @@ def to_json_lines(harvest: Harvest) -> str:
     return "".join(lines)
 
 
-def _csv(rows: Iterable[Sequence[Cell]]) -> str:
+def csv_text(rows: Iterable[Sequence[Cell]]) -> str:
+    """Comma-separated values, a line for each row."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue()

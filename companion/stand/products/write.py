@@ -12,17 +12,19 @@ from typing import Any, Final, NamedTuple
 from companion.stand.figures.estimate import SeenGround, figures_of
 from companion.stand.form_height import FORM_HEIGHT_M
 from companion.stand.fusion.fuse import Fusion, fuse
+from companion.stand.products import payload
 from companion.stand.products.report import report_page
 from companion.stand.products.table import COLUMNS, rows_of, to_3dfin_csv, to_csv, to_geojson, to_json_lines
 from companion.stand.records import Harvest, RecordLike, harvest_of
 from mission import __version__
 from mission.document.model import Mission
-from mission.stems.geopackage_write import points_gpkg
+from mission.stems.geopackage_write import PointLayer, points_gpkg
 
 LAYER: Final = "stems"
 FORMAT: Final = "understory-stand"
 VERSION: Final = 1
 GEOJSON: Final = "stems.geojson"  # of missions with an origin alone
+PAYLOAD_CSV: Final = "payload.csv"  # where vehicles recorded other sensors
 
 
 class Products(NamedTuple):
@@ -60,8 +62,8 @@ def write_products(
         scratch.write_bytes(data)
         os.replace(scratch, file)
         files.append(file)
-    if GEOJSON not in {file.name for file in files}:
-        (out_dir / GEOJSON).unlink(missing_ok=True)  # of a time before: other stems, on another spot of Earth
+    for name in {GEOJSON, PAYLOAD_CSV} - {file.name for file in files}:
+        (out_dir / name).unlink(missing_ok=True)  # of a time before: other stems, on another spot of Earth
     return Products(tuple(files), fusion, ground, harvest)
 
 
@@ -72,9 +74,13 @@ def _texts(
     origin = None if mission.origin is None else mission.origin.wgs84
     stems = fusion.stems
     columns = {column.name: column.kind for column in COLUMNS}
-    places = [(s.east_m, s.north_m) for s in stems]
+    layers = [PointLayer(LAYER, columns, [(s.east_m, s.north_m) for s in stems], rows_of(stems))]
+    if harvest.payload:
+        table = payload.table_of(harvest.payload)
+        layers.append(payload.layer_of(table))
+        yield PAYLOAD_CSV, lambda: payload.to_csv(table).encode()
     lidar, system = to_3dfin_csv(stems, origin)
-    yield "stems.gpkg", lambda: points_gpkg(LAYER, columns, places, rows_of(stems), origin)
+    yield "stems.gpkg", lambda: points_gpkg(layers, origin)
     if origin is not None:
         yield GEOJSON, lambda: to_geojson(stems, origin).encode()
     yield "stems.csv", lambda: to_csv(stems).encode()
@@ -105,6 +111,7 @@ def _figures(mission: Mission, harvest: Harvest, fusion: Fusion, ground: SeenGro
         "stems": len(fusion.stems),
         "stems_3dfin_xy": system,
         "figures": figures,
+        "payload": [quantity._asdict() for quantity in payload.quantities_of(harvest.payload)],
     }
 
 
@@ -112,6 +119,8 @@ def describe_products(written: Products) -> str:
     """The finding, in a line."""
     lines = (written.harvest.missing_line(), written.harvest.unproven_line())
     found = f"{len(written.fusion.stems)} stems"
+    if written.harvest.payload:
+        found += f"; {len(written.harvest.payload)} values of other sensors"
     end = "".join(f"; {line}" for line in lines if line is not None)
     figures = written.ground.figures
     if figures is None:

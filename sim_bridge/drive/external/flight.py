@@ -75,7 +75,7 @@ class ExternalFlight:
         self._autopilots = autopilots
         self._began_s = time.monotonic()
         radio_socket = stack.enter_context(bound_socket("the companions' radio", 0))
-        self.harvest = None if mission.survey is None else Harvest(mission, stand, self.radio, folder)
+        self.harvest = Harvest(mission, stand, self.radio, folder) if mission.keeps_records else None
         if self.harvest is not None:
             stack.callback(self.harvest.close)
         ids, positions = autopilots.ids, autopilots.positions

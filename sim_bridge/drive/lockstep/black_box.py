@@ -46,7 +46,7 @@ class SimulatedBox:
             sensors=list(kinds_of(mission)),
             clock="simulated",
             has_survey=mission.survey is not None,
-            has_records=mission.survey is not None,
+            has_records=mission.keeps_records,
             waived=WAIVED,
             unsigned=guard is None,
             flown_by=flown_by,

@@ -11,6 +11,8 @@ from typing import Any, Final
 import numpy as np
 
 from companion.base.station import BaseStation
+from companion.cloud.returns_file import ReturnsFile
+from companion.cloud.returns_log import SUFFIX
 from companion.mavlink.peers.session import Session
 from companion.records.exchange import RecordExchange
 from companion.records.node import open_base, open_records
@@ -26,6 +28,7 @@ from sim_bridge.world.radio import Radio
 from sim_bridge.world.world import World
 
 BASE_FILE: Final = "records.db"
+COMPANIONS: Final = "companions"  # folder of their files
 ANTENNA_M: Final = 2.0  # above the ground at d1
 BASE_MADE_S: Final = 1  # of a flight that has no date
 PATIENCE_S: Final = 20.0  # once the flight is over, without one more record at the base station,
@@ -114,7 +117,7 @@ class Harvest:
 
     def path(self, vehicle_id: int) -> Path | None:
         """The file of one vehicle's records."""
-        return None if self._folder is None else self._folder / "companions" / f"records-{vehicle_id}.db"
+        return None if self._folder is None else self._folder / COMPANIONS / f"records-{vehicle_id}.db"
 
     def open(self, vehicle_id: int) -> RecordExchange:
         """The records of a companion that starts in this process, from its disk as it is; its guard is there before."""
@@ -132,11 +135,16 @@ class Harvest:
             path,
             self._draw,
             writer=lambda store: self._disk(vehicle_id, store),
-            fusion=lambda store: DirectFusion(store, self._mission),
+            fusion=lambda store: None if self._mission.survey is None else DirectFusion(store, self._mission),
             is_synced=False,
             session=self._session(vehicle_id),
         )
         return link
+
+    def returns(self, vehicle_id: int) -> ReturnsFile | None:
+        """The file of one vehicle's returns, which nobody takes but a cloud afterwards; None: nothing is surveyed."""
+        path = self.path(vehicle_id)
+        return None if path is None or self._mission.survey is None else ReturnsFile(path.with_suffix(SUFFIX))
 
     def _session(self, node: int) -> Session | None:
         return None if self._keys is None else self._keys.sessions[node]
@@ -223,8 +231,8 @@ class Harvest:
 def harvest_of(
     mission: Mission, world: World, folder: Path | None, stack: ExitStack, keys: FleetKeys | None
 ) -> Harvest | None:
-    """The records, of a mission that surveys; `stack` lets go of them. `keys`: of a swarm that has them."""
-    if mission.survey is None:
+    """The records, of a mission that keeps some; `stack` lets go of them. `keys`: of a swarm that has them."""
+    if not mission.keeps_records:
         return None
     harvest = Harvest(mission, world.stand, world.radio, folder, keys)
     stack.callback(harvest.close)

@@ -15,12 +15,14 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from types import MappingProxyType
 from typing import Protocol
 
+from companion.cloud.returns_file import ReturnsFile
 from companion.core.stages import FLIGHT_STAGES, StageFactory
 from companion.mavlink.beacon import Reader
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.harvest import RecordLink
 from companion.mavlink.orders.book import OrderBook
 from companion.mavlink.peers.guard import Guard
+from companion.payload.recorder import payload_of
 from companion.sensors.table import sensors_of
 from companion.survey.of_mission import survey_of
 from mission.document.model import Mission
@@ -91,11 +93,13 @@ class InProcess:
         guard: Guard | None = None,
         orders: OrderBook | None = None,
         box: SimulatedBox | None = None,
+        returns: ReturnsFile | None = None,
     ) -> None:
         """`beacons`: shared with the others of this process, which then decode each frame once.
 
         `stages`: of its agent. `records`: of a mission that surveys, on `disk`. `guard`: of its radio, in a swarm
-        with keys; `orders`: of the operator's key there. `box`: its black box, made for these two.
+        with keys; `orders`: of the operator's key there. `box`: its black box, made for these two. `returns`: where a
+        survey's are kept.
         """
         self.endpoint = Endpoint(
             mission,
@@ -103,12 +107,14 @@ class InProcess:
             sensors=sensors_of(mission),
             beacons=beacons,
             stages=stages,
-            survey=survey_of(mission, vehicle_id),
+            survey=survey_of(mission, vehicle_id, keeps_returns=returns is not None),
+            payload=payload_of(mission, vehicle_id),
             records=records if box is None else box.link(records),
             guard=guard if box is None else box.guard,
             orders=orders if box is None else box.orders,
         )
-        self._disk, self._box = disk, box
+        self._disk, self._box, self._returns = disk, box, returns
+        self._is_disk_full = False
         # As `--waive all`, and `--unsigned` without keys, of a companion that is a process
         self.endpoint.agent.waive(WAIVED, unsigned=guard is None)
         self._recorder = None if box is None else box.record_endpoint(self.endpoint)
@@ -121,6 +127,13 @@ class InProcess:
 
     def send(self, from_peers: bytes, from_autopilot: bytes, now_s: float, from_sensor: bytes = b"") -> None:
         """Runs the agent at once."""
+        self._run(from_peers, from_autopilot, now_s, from_sensor)
+        if self._returns is not None:
+            passes = self.endpoint.take_returns()
+            if passes and not self._is_disk_full:
+                self._returns.write(passes)
+
+    def _run(self, from_peers: bytes, from_autopilot: bytes, now_s: float, from_sensor: bytes) -> None:
         if self._recorder is not None:
             self._answer = run_recorded(self._recorder, from_peers, from_sensor, from_autopilot, now_s)
             return
@@ -139,7 +152,8 @@ class InProcess:
         """Nothing to end."""
 
     def fill_disk(self, *, full: bool) -> None:
-        """It writes records and its black box alone."""
+        """It writes records, returns and its black box alone."""
+        self._is_disk_full = full
         if self._disk is not None:
             self._disk.fill(full=full)
         if self._box is not None:

@@ -62,7 +62,7 @@ def where(mission: Mission, mission_file: Path, ports: Ports, speed: float, keys
             "mavproxy": f"--master=udpout:{LOOPBACK}:{port(ports.ground)}",
         },
         "radio": {"port": port(ports.radio)},
-        "base": None if mission.survey is None else _base(mission_file, url(ports.radio), key(OPERATOR)),
+        "base": _base(mission_file, url(ports.radio), key(OPERATOR)) if mission.keeps_records else None,
         "orders": None if keys is None else _orders(mission_file, url(ports.radio), key(OPERATOR)),
         "page": None if keys is None else _page(mission_file, url(ports.radio), key(OPERATOR)),
         "sensor": sensor,

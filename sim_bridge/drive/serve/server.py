@@ -312,7 +312,7 @@ def _radios(world: World) -> tuple[tuple[int, ...], Radio, Callable[[], dict[int
     """
     world.radio.set_range(OPERATOR_ID, math.inf)
     places: dict[int, Vec3] = {}
-    if world.mission.survey is not None:
+    if world.mission.keeps_records:
         places[BASE_ID] = base_place(world.mission, world.stand)
         world.radio.set_range(BASE_ID, world.mission.radio.full_range_m)
 

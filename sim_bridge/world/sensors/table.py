@@ -15,7 +15,7 @@ from sim_bridge.world.sensors.simulated import SimulatedSensor
 
 def simulated_sensors(mission: Mission, stand: Stand, ids: Sequence[int]) -> tuple[SimulatedSensor, ...]:
     """Sensors that the vehicles `ids` of this mission carry."""
-    made = [make(mission, stand, ids) for make in (lidars_of, _raw_lidars_of, range_radios_of)]
+    made = [make(mission, stand, ids) for make in (lidars_of, _raw_lidars_of, range_radios_of, _payload_models_of)]
     ours = [sensor for sensor in made if sensor is not None]
     return (*ours, *installed_sensors(mission, stand, ids))
 
@@ -27,6 +27,15 @@ def _raw_lidars_of(mission: Mission, stand: Stand, ids: Sequence[int]) -> Simula
     from sim_bridge.world.sensors.raw_lidar import raw_lidars_of
 
     return raw_lidars_of(mission, stand, ids)
+
+
+def _payload_models_of(mission: Mission, stand: Stand, ids: Sequence[int]) -> SimulatedSensor | None:
+    """Other sensors; what knows how dark it is below crowns, with arrays, is loaded only then."""
+    if not mission.payload:
+        return None
+    from sim_bridge.world.sensors.payload.drivers import payload_models_of
+
+    return payload_models_of(mission, stand, ids)
 
 
 def link_name(mission: Mission) -> str:

@@ -43,11 +43,11 @@ BEACON = Beacon(
 )
 
 
-def mission(**tables: dict[str, Any]) -> Mission:
-    """A checked mission; each argument changes keys of one table."""
+def mission(**tables: dict[str, Any] | list[dict[str, Any]]) -> Mission:
+    """A checked mission; each argument changes keys of one table, or is an array of tables."""
     values: dict[str, Any] = {name: dict(table) for name, table in MISSION.items()}
     for name, changes in tables.items():
-        values[name] = values.get(name, {}) | changes
+        values[name] = values.get(name, {}) | changes if isinstance(changes, dict) else changes
     return Mission.model_validate({"schema": 1, **values})
 
 

@@ -71,6 +71,11 @@ taper_sd_cm_per_m = 0.4
 basal_area_pct = 15.0
 confidence = 0.9
 after_s = 20.0
+[[payload]]
+name = "light"
+unit = "lx"
+period_s = 10.0
+source = "NAMED_VALUE_FLOAT.light"
 [forest]
 grade = [0.01, -0.02]
 [forest.shapes]

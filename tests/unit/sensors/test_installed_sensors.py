@@ -152,7 +152,7 @@ def test_the_command_line_takes_lists_and_refuses_it(
     assert "altimeter: ALTITUDE of a test" in capsys.readouterr().out
     with pytest.raises(SystemExit):
         parsed("doctor", "--sensor", f"sonar={url}")
-    assert "NAME one of obstacles, lidar, ranges, altimeter" in capsys.readouterr().err
+    assert "NAME one of obstacles, lidar, ranges, payload, altimeter" in capsys.readouterr().err
     file = tmp_path / "mission.toml"
     links = ("--autopilot", "udpout://127.0.0.1:9", "--peers", "udpout://127.0.0.1:9")
     arguments = parsed("run", "--mission", str(file), "--id", "1", *links, "--sensor", f"altimeter={url}")

@@ -10,7 +10,7 @@ import numpy as np
 
 from companion.survey.alignment import JointFit, ScanCorrections
 from companion.survey.stem_fit import StemFit
-from companion.survey.stem_rays import LEFT, RIGHT, StemRays
+from companion.survey.stem_rays import COLUMNS, LEFT, RIGHT, StemRays
 from mission.schema.kinds import RAW_LIDARS, RawLidar, SensorClass
 
 LIDAR = RAW_LIDARS[SensorClass.MULTI_LAYER]
@@ -50,7 +50,7 @@ def rays_at(
                 edge = (LEFT if hits[k - 1] is None else 0) + (RIGHT if hits[k + 1] is None else 0)
                 level = hit + rng.normal(0.0, lidar.range_sd_m) * SLANT
                 place_n, place_e = eye_n + level * math.cos(bearings[k]), eye_e + level * math.sin(bearings[k])
-                rows.extend((place_n, place_e, up, eye_n, eye_e, float(edge), level / SLANT, float(scan)))
+                rows.extend((place_n, place_e, up, eye_n, eye_e, float(edge), level / SLANT, float(scan), 0.0))
     return rows
 
 
@@ -83,7 +83,7 @@ def stem_of(rays: array[float], start: tuple[float, float, float] = (0.05, -0.05
 
 def fitted(*rays: array[float], lidar: RawLidar = LIDAR, taper: float = 0.0) -> list[StemFit | None]:
     """The stems of one window, fitted together."""
-    starts = [(float(np.median(one[0::8])), float(np.median(one[1::8])), 0.1) for one in rays]
+    starts = [(float(np.median(one[0::COLUMNS])), float(np.median(one[1::COLUMNS])), 0.1) for one in rays]
     stems = [stem_of(one, start) for one, start in zip(rays, starts, strict=True)]
     joint = JointFit([(stem, 1.3) for stem in stems], lidar, taper, ScanCorrections())
     for _ in joint.steps():

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from companion.survey.stem_fit import StemFit
+from companion.survey.stem_rays import COLUMNS
 from mission.schema.kinds import RawLidar
 from tests.unit.survey.survey_kit import LIDAR, fitted, passing, rays_at
 
@@ -98,7 +99,7 @@ def blurred(clouds: list[array[float]], seed: int) -> list[array[float]]:
     errors = rng.normal(0.0, 1.0, (100, 3)) * (0.02, 0.02, math.radians(0.7))
     out = []
     for cloud in clouds:
-        rows = np.array(cloud).reshape(-1, 8)
+        rows = np.array(cloud).reshape(-1, COLUMNS)
         off = errors[rows[:, 7].astype(int)]
         to = rows[:, :2] - rows[:, 3:5]
         cos, sin = np.cos(off[:, 2]), np.sin(off[:, 2])
@@ -135,7 +136,7 @@ def test_edges_bound_a_stem_that_is_seen_from_one_side() -> None:
         clouds = blurred(rays, seed)
         with_edges += fitted(*clouds)
         for cloud in clouds:
-            for row in range(0, len(cloud), 8):
+            for row in range(0, len(cloud), COLUMNS):
                 cloud[row + 5] = 0.0
         without += fitted(*clouds)
     assert rms_cm(with_edges) < 1.5
@@ -154,13 +155,13 @@ def test_stated_errors_hold() -> None:
 
 def test_too_few_rays_are_no_stem() -> None:
     rays = rays_at(lambda _: 0.12, passing(), np.random.default_rng(1))
-    assert fitted(rays[: 8 * 11]) == [None]
+    assert fitted(rays[: COLUMNS * 11]) == [None]
 
 
 def test_leaves_are_not_round() -> None:
     rng = np.random.default_rng(4)
     rays = rays_at(lambda _: 0.12, passing(), rng)
-    rows = np.array(rays).reshape(-1, 8)
+    rows = np.array(rays).reshape(-1, COLUMNS)
     rows[:, :2] += rng.uniform(-0.25, 0.25, (len(rows), 2))
     (fit,) = fitted(array("f", rows.ravel().tolist()))
     assert fit is None or fit.rms_m > 0.035

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 
+from companion.cloud.returns import OF_STEM, decode_returns
 from companion.core.model.events import LidarScan
 from companion.core.perception.landmarks.scan_pose import ScanPose
 from companion.survey.observation import STEM_KIND, StemObservation, decode
@@ -42,10 +44,11 @@ def measured(
     standing_ne_m: tuple[float, float] | None = None,
     stands: range = range(60),
     drift_m: float = 0.0,
+    surveyor: Surveyor | None = None,
 ) -> list[StemObservation | None]:
     """Stems told after a flight past the one trunk, and a landing. A vehicle `stands` in these turns, and its place
     drifts from one to the next."""
-    surveyor = Surveyor(flown(survey={}), 7)
+    surveyor = surveyor or Surveyor(flown(survey={}), 7)
     bodies: list[tuple[int, bytes]] = []
     for number in range(60):
         now_s, east_m = 0.1 * number, 0.1 * number - 2.0
@@ -122,3 +125,27 @@ def test_stems_of_too_few_rays_are_dropped_when_nothing_else_is_in_sight() -> No
         for kind, _ in surveyor.take_records(pose_at(now_s, []), now_s):
             assert kind != STEM_KIND
     assert not surveyor.collector.stems
+
+
+def test_the_returns_of_a_stem_are_where_its_record_has_it() -> None:
+    surveyor = Surveyor(flown(survey={}), 7, keeps_returns=True)
+    (stem,) = measured(offset_ne_m=(100.0, -50.0), surveyor=surveyor)
+    assert stem is not None
+    (one,) = map(decode_returns, surveyor.take_returns())
+    assert one is not None
+    assert decode(one.body, one.vehicle_id) == stem
+    points = one.points[one.points["flags"] == OF_STEM]
+    assert len(points) > 50
+    off_n, off_e = one.north_m + points["north_m"] - stem.north_m, one.east_m + points["east_m"] - stem.east_m
+    assert np.abs(np.hypot(off_n, off_e) - RADIUS_M).max() < 0.03
+    assert np.all(np.abs(points["up_m"] - 4.0) < 0.6)
+    assert np.all((points["at_s"] >= 0.0) & (points["at_s"] <= 6.1))
+    assert set(points["ring"].tolist()) == {0}
+    assert one.ground_up_m is None  # a level lidar does not see it
+    assert surveyor.take_returns() == []
+
+
+def test_what_is_measured_is_the_same_with_returns_and_without() -> None:
+    keeps, plain = Surveyor(flown(survey={}), 7, keeps_returns=True), Surveyor(flown(survey={}), 7)
+    assert measured(surveyor=keeps) == measured(surveyor=plain)
+    assert plain.take_returns() == []

@@ -22,7 +22,13 @@ def leaves(node: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[str, d
         child = {**resolved(schema, child), **child}
         if "properties" in child:
             yield from leaves(child, (*path, name))
-        elif (*path, name) in (("forest", "trees"), ("forest", "boxes"), ("sim", "faults"), ("route", "stops")):
+        elif (*path, name) in (
+            ("forest", "trees"),
+            ("forest", "boxes"),
+            ("sim", "faults"),
+            ("route", "stops"),
+            ("payload",),
+        ):
             yield from leaves(node_at(schema, (*path, name, 0)), (*path, f"{name}[0]"))
         else:
             yield ".".join(map(str, (*path, name))), child
