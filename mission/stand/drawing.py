@@ -172,9 +172,11 @@ def _mission(mission: Mission, sheet: _Sheet) -> Iterator[str]:
     route = mission.route
     if mission.fence.polygon_enu_m:
         yield _line((*mission.fence.polygon_enu_m, mission.fence.polygon_enu_m[0]), FENCE, 0.4, dashes="2 1")
-    yield _line([(p[0], p[1]) for p in route.points_enu_m], WAY, 0.4)
+    yield _line([(p[0], p[1]) for p in mission.way_enu_m], WAY, 0.4)
     yield _ring(route.d1_enu_m, placement_radius_m(mission), WAY)
     for visit in mission.visits:
+        if visit.is_passed:
+            continue
         yield _ring(visit.pos_enu_m, mission.coverage.radius_m, WAY)
         if mission.coverage.shape is CoverageShape.RING:
             yield _ring(visit.pos_enu_m, mission.coverage.keep_out_m, FENCE)

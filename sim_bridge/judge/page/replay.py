@@ -154,7 +154,7 @@ def mission_values(mission: Mission) -> dict[str, Any]:
         "coverage": {
             "shape": coverage.shape.value,
             "radius_m": coverage.radius_m,
-            "centres_enu_m": [list(visit.pos_enu_m) for visit in mission.visits],
+            "centres_enu_m": [list(visit.pos_enu_m) for visit in mission.visits if not visit.is_passed],
         },
         "fence_enu_m": [list(point) for point in fence.polygon_enu_m or ()],
         "origin": None if mission.origin is None else [mission.origin.lat_deg, mission.origin.lon_deg],
