@@ -623,6 +623,18 @@ class MissionTables(Table):
         )
 
     @property
+    def trees(self) -> tuple[Visit, ...]:
+        """The visits that are covered; d2 is the last."""
+        return tuple(visit for visit in self.visits if not visit.is_passed)
+
+    @property
+    def named_places(self) -> tuple[tuple[str, Vec3], ...]:
+        """d1, the stops or the ends of lanes, d2, with their names; ENU m."""
+        ends = (f"lane {k}{end}" for k in range(1, len(self.lanes) + 1) for end in ("", " end"))
+        stops = (f"stop {k}" for k in range(1, len(self.route.stops) + 1))
+        return tuple(zip(("d1", *ends, *stops, "d2"), self.way_enu_m, strict=True))
+
+    @property
     def way_enu_m(self) -> tuple[Vec3, ...]:
         """d1, the visits, d2: ENU m. The swarm goes straight from each to the next."""
         return (self.route.d1_enu_m, *(visit.pos_enu_m for visit in self.visits))
