@@ -30,11 +30,23 @@ from sim_bridge.judge.metrics.stems import DBH_LEAST_M, match_stems
 from sim_bridge.judge.recording import Recording
 from sim_bridge.lab.study.backends.agents import fly_stack
 from sim_bridge.world.world import DEFAULT_ORIGIN
+from tests.bench.survey import CLASSES
 from tests.bench.table import spread
 from tests.kept_records import records_in
 
 BEYOND_M = 45.0  # from the polygon to the fence
 SAMPLED = 5  # ticks
+COLUMNS = (
+    "vehicles",
+    "lanes",
+    "ha/min",
+    "in the air, min",
+    "found",
+    "on two sides",
+    "width, m, 5 % / median",
+    "DBH RMSE, cm",
+    "contacts",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +66,14 @@ class Survey:
 
 
 def mission_of(
-    vehicles: int, seed: int, *, sides_m: tuple[float, float], soft_m: float, per_ha: float, speed_mps: float
+    vehicles: int,
+    seed: int,
+    *,
+    sensor: str,
+    sides_m: tuple[float, float],
+    soft_m: float,
+    per_ha: float,
+    speed_mps: float,
 ) -> Mission:
     """The flight: d1 and d2 beside the stand."""
     east_m, north_m = sides_m
@@ -81,7 +100,7 @@ def mission_of(
                 [low_m - 20.0, north_m + high_m],
             ],
         },
-        "sensing": {"range_m": 12.0, "sensor": "multi-layer", "upside_down": True},
+        "sensing": {"range_m": CLASSES[sensor], "sensor": sensor, "upside_down": sensor == "multi-layer"},
         "survey": {"area_enu_m": [[0.0, 0.0], [east_m, 0.0], [east_m, north_m], [0.0, north_m]]},
         "forest": {
             "shapes": {},
@@ -182,22 +201,21 @@ def main(argv: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.bench survey-lanes", description=__doc__)
     parser.add_argument("--vehicles", nargs="+", type=int, default=[1, 8])
     parser.add_argument("--seeds", nargs="+", type=int, default=[31, 32])
+    parser.add_argument("--sensor", default="multi-layer", choices=list(CLASSES))
     parser.add_argument("--sides", nargs=2, type=float, default=[80.0, 56.0], metavar=("EAST", "NORTH"), help="m")
     parser.add_argument("--soft", type=float, default=10.0, help="separation.soft_m")
     parser.add_argument("--per-ha", type=float, default=300.0)
     parser.add_argument("--speed", type=float, default=1.5, help="m/s")
     parser.add_argument("--jsbsim", action="store_true", help="on JSBSim quadrotors, not point masses")
     options = parser.parse_args(argv)
-    print(
-        "vehicles | lanes | ha/min | in the air, min | found | on two sides | width, m, 5 % / median | DBH RMSE, cm | contacts",
-        flush=True,
-    )
+    print(" | ".join(COLUMNS), flush=True)
     for vehicles in options.vehicles:
         flown = []
         for seed in options.seeds:
             mission = mission_of(
                 vehicles,
                 seed,
+                sensor=options.sensor,
                 sides_m=tuple(options.sides),
                 soft_m=options.soft,
                 per_ha=options.per_ha,
@@ -212,10 +230,16 @@ def main(argv: Sequence[str]) -> int:
 def row_of(vehicles: int, flown: Sequence[Survey]) -> str:
     """All flights of so many vehicles."""
     trees = sum(one.trees for one in flown)
-    return (
-        f"{vehicles} | {flown[0].lanes} | {spread([one.ha_per_min for one in flown], '')} | "
-        f"{spread([one.air_min for one in flown], '')} | {sum(one.found for one in flown) / trees:.1%} of {trees} | "
-        f"{sum(one.two_sided for one in flown) / trees:.1%} | "
-        f"{min(one.width_m[0] for one in flown):.1f} / {np.mean([one.width_m[1] for one in flown]):.1f} | {spread([one.rmse_cm for one in flown], '')} | "
-        f"{sum(one.contacts for one in flown)}"
+    low_m, middle_m = min(one.width_m[0] for one in flown), np.mean([one.width_m[1] for one in flown])
+    cells = (
+        f"{vehicles}",
+        f"{flown[0].lanes}",
+        spread([one.ha_per_min for one in flown], ""),
+        spread([one.air_min for one in flown], ""),
+        f"{sum(one.found for one in flown) / trees:.1%} of {trees}",
+        f"{sum(one.two_sided for one in flown) / trees:.1%}",
+        f"{low_m:.1f} / {middle_m:.1f}",
+        spread([one.rmse_cm for one in flown], ""),
+        f"{sum(one.contacts for one in flown)}",
     )
+    return " | ".join(cells)
