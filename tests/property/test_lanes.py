@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mission.common.plane import Point, clearance_m, polygon_fault
+from mission.common.plane import Point, clearance_m, polygon_fault, way_clearance_m
 from mission.lanes.lay import Lane, Swath, lay_lanes
 from mission.lanes.spread import swath_of
 
@@ -84,6 +85,49 @@ def test_lanes_go_no_farther_beyond_the_area_than_they_say(area: tuple[Point, ..
             begins = (here[0] + share * (there[0] - here[0]), here[1] + share * (there[1] - here[1]))
             reach_m = max(swath.lane_m, swath.inset_m) + ROUNDED_M  # of the strip that the lane is flown for
             assert clearance_m(begins, area) >= -reach_m
+
+
+@given(areas(), SWATHS)
+def test_a_fence_with_room_all_round_is_kept_from(area: tuple[Point, ...], swath: Swath) -> None:
+    slack_m = 5.0 + swath.spread_m / 2.0
+    room_m = slack_m + swath.beyond_m + swath.lane_m
+    (low_e, high_e), (low_n, high_n) = ((min(axis) - room_m, max(axis) + room_m) for axis in zip(*area, strict=True))
+    fence = ((low_e, low_n), (high_e, low_n), (high_e, high_n), (low_e, high_n))
+    lanes = lay_lanes(area, swath, ENDS, fence, slack_m)
+    ends = [end for lane in lanes for end in (lane.start, lane.end)]
+    assert all(way_clearance_m(a, b, fence) >= slack_m - ROUNDED_M for a, b in pairwise(ends))
+
+
+def test_a_notch_that_is_outside_the_fence_is_not_crossed() -> None:
+    """Three sides about a lake: lanes east and west would cross it, and be fewer."""
+    area = (
+        (0.0, 0.0),
+        (150.0, 0.0),
+        (150.0, 60.0),
+        (110.0, 60.0),
+        (110.0, 20.0),
+        (40.0, 20.0),
+        (40.0, 60.0),
+        (0.0, 60.0),
+    )
+    fence = (
+        (-15.0, -15.0),
+        (165.0, -15.0),
+        (165.0, 75.0),
+        (98.0, 75.0),
+        (98.0, 32.0),
+        (52.0, 32.0),
+        (52.0, 75.0),
+        (-15.0, 75.0),
+    )
+    swath = swath_of(size=1, soft_m=10.0, reach_m=7.0, lane_m=None)
+    crossing, kept = lay_lanes(area, swath, ENDS), lay_lanes(area, swath, ENDS, fence, 5.0)
+    for lanes, leaves in ((crossing, True), (kept, False)):
+        ends = [end for lane in lanes for end in (lane.start, lane.end)]
+        assert any(way_clearance_m(a, b, fence) < 5.0 for a, b in pairwise(ends)) is leaves
+    for point in points_in(area, 3.0):
+        off_m = [abs(m) for m in (across_m(point, lane) for lane in kept) if m is not None]
+        assert min(off_m) <= swath.lane_m, point
 
 
 @given(areas(), SWATHS)
