@@ -61,6 +61,7 @@ class Agent:
         self.perception = build_perception(mission, vehicle_id)
         self.own_position = OwnPosition(self.localiser, self.perception)
         self.sensors = ObstacleSensorMonitor(self.perception.stale_s)
+        self._lane_ends = 2 * len(mission.lanes)  # visits, before all others
         self.disturbances = build_disturbance_observer(mission)
         self.safety_filter = stages.build_safety_filter(mission)
         self._landing_room, self._rest = LandingRoom(mission), RestHold()
@@ -378,8 +379,8 @@ class Agent:
             governor=orders.governor,
             lease_freshness=orders.lease_freshness,
             goal=None if goal is None else goal.resolve(localiser.offset_ned_m),
-            goal_moves=localiser.may_lose_position,
-            dest_ned_m=localiser.destination.ned_m,
+            goal_moves=localiser.may_lose_position or self._lane_ends > 0,
+            dest_ned_m=None if orders.stop < self._lane_ends else localiser.destination.ned_m,
             size=orders.size,
             layer_m=orders.layer_m,
             corridors=self.movement.predict_corridors(localiser.peers, pos_ned_m, now_s, range_m=range_m),

@@ -274,7 +274,7 @@ def decode_beacon(sender: int, fields: WireBeacon) -> Beacon | None:
         and -50000.0 <= seen_x <= 50000.0
         and -50000.0 <= seen_y <= 50000.0
         and -50000.0 <= seen_z <= 50000.0
-        and phase <= 165
+        and phase <= 245
         and phase & 7 < 6
         and flight_state <= 11
         and version == 1

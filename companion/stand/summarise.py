@@ -52,7 +52,7 @@ def summarise(records: Iterable[RecordLike], mission: Mission) -> StandSummary:
     fusion = fuse(harvest.observations, mission.without_satellites)
     until = None if mission.survey is None else mission.survey.until
     confidence = CONFIDENCE if until is None else until.confidence
-    ground = figures_of(harvest, fusion, area_m=mission.fence.polygon_enu_m, confidence=confidence)
+    ground = figures_of(harvest, fusion, area_m=mission.surveyed_enu_m, confidence=confidence)
     figures = ground.figures
     return StandSummary(
         fused=len(harvest.observations) + len(harvest.track),

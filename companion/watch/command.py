@@ -134,21 +134,18 @@ def about(mission: Mission | None, chart: Chart | None) -> dict[str, Any]:
         return {**told, "mission": None}
     assert mission.origin is not None
     frame = LocalFrame(mission.origin.wgs84)
-    route, fence = mission.route, mission.fence.polygon_enu_m or ()
+    fence = mission.fence.polygon_enu_m or ()
 
     def lat_lon_deg(east_m: float, north_m: float, up_m: float = 0.0) -> tuple[float, float]:
         there = frame.to_wgs84(enu_to_ned((east_m, north_m, up_m)))
         return there.lat_deg, there.lon_deg
 
-    names = ["d1", *[f"stop {k}" for k in range(1, len(route.stops) + 1)], "d2"]
     return {
         **told,
         "mission": {
             "name": mission.name,
             "vehicles": mission.swarm.size,
-            "places": [
-                {"name": name, "at": lat_lon_deg(*at)} for name, at in zip(names, route.points_enu_m, strict=True)
-            ],
+            "places": [{"name": name, "at": lat_lon_deg(*at)} for name, at in mission.named_places],
             "fence": [lat_lon_deg(*vertex) for vertex in fence],
             "ground_alt_m": mission.origin.wgs84.alt_m,
         },

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mission.common.plane import area_m2
 from mission.common.problems import MissionError, Problem
 from mission.document import simulator
 from mission.document.airtime import find_short_batteries
@@ -18,8 +20,9 @@ from mission.document.model import Mission
 from mission.rules.payload_rules import records_hz, records_max_hz
 from mission.rules.survey_rules import cut_distances_m
 from mission.schema.check import validated
+from mission.schema.forest import M2_PER_HA
 from mission.schema.sim import OdometryErrors, RangingErrors, Sky
-from mission.schema.tables import Swarm
+from mission.schema.tables import Sensing, Survey, Swarm
 
 if TYPE_CHECKING:
     from mission.stand.stand import ReadStems, Stand
@@ -114,9 +117,10 @@ def _layers(mission: Mission) -> Iterator[str]:
 
 
 def _survey(mission: Mission) -> Iterator[str]:
-    """A note at which height stems are cut, and how that comes to breast height."""
+    """Notes on the lanes, and at which height stems are cut, and how that comes to breast height."""
     if mission.survey is None:
         return
+    yield from _lanes(mission, mission.survey)
     distances_m, taper = cut_distances_m(mission), f"{mission.survey.taper_cm_per_m:g} cm/m"
     if distances_m is not None:
         yield (
@@ -135,6 +139,35 @@ def _payload(mission: Mission) -> Iterator[str]:
     if mission.payload:
         kinds = ", ".join(f"{one.name} ({one.unit}) each {one.period_s:g} s" for one in mission.payload)
         yield f"payload: {kinds}: {records_hz(mission):.1f} records a second of {records_max_hz(mission):.1f} at most"
+
+
+def _lanes(mission: Mission, survey: Survey) -> Iterator[str]:
+    """Notes how many lanes there are, how far apart, and what that leaves unseen."""
+    lanes, swath = mission.lanes, mission.swath
+    if not lanes:
+        if survey.lane_m is not None:
+            yield "no survey.area_enu_m: nothing comes of survey.lane_m"
+        return
+    flown_m = sum(math.dist(lane.start, lane.end) for lane in lanes)
+    most = f"at most {swath.lane_m:.1f} m apart, " if len(lanes) > 1 else ""
+    wide = f", the swarm {swath.spread_m:.1f} m wide" if mission.swarm.size > 1 else ""
+    count = "1 lane" if len(lanes) == 1 else f"{len(lanes)} lanes"
+    yield (
+        f"survey: {count} over {area_m2(survey.area_enu_m or ()) / M2_PER_HA:.2f} ha, {most}{flown_m:.0f} m of "
+        f"{mission.way_m:.0f} m in all{wide}"
+    )
+    reach_m = min(survey.reach_m, (mission.sensing or Sensing()).range_m)
+    seen_m = swath.spread_m + reach_m
+    if len(lanes) > 1 and swath.lane_m > seen_m:
+        yield (
+            f"survey.lane_m = {swath.lane_m:g}: stems between lanes are passed on one side, or not within "
+            f"{reach_m:g} m: up to {seen_m:.1f} m they are on both"
+        )
+    if mission.swarm.size > 1 and mission.separation.soft_m > 2.0 * reach_m:
+        yield (
+            f"separation.soft_m = {mission.separation.soft_m:g}: stems between two vehicles are not all passed within "
+            f"{reach_m:g} m"
+        )
 
 
 def _check_stand(

@@ -74,7 +74,7 @@ def _ground_notes(stand: Stand, mission: Mission, names: Sequence[str]) -> Itera
     if slope == 0.0:
         return
     floor_m = mission.fence.altitude_min_m
-    spread = (placement_radius_m(mission), *(mission.coverage.radius_m for _ in mission.visits))
+    spread = (placement_radius_m(mission), *(mission.coverage.radius_m for _ in names[1:]))
     for name, pos_enu_m, radius_m in zip(names, mission.route.points_enu_m, spread, strict=True):
         ground_m = stand.ground_up_m(pos_enu_m[0], pos_enu_m[1])
         is_sphere = mission.coverage.shape is CoverageShape.SPHERE and name != "d1"

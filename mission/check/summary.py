@@ -18,9 +18,10 @@ def summarise(file: str, mission: Mission) -> dict[str, Any]:
         "name": mission.name,
         "vehicles": mission.swarm.size,
         "stops": len(mission.route.stops),
-        "distance_m": mission.route.length_m,
+        "lanes": len(mission.lanes),
+        "distance_m": mission.way_m,
         "vel_leader_mps": mission.route.vel_leader_mps,
-        "transit_s": mission.route.length_m / mission.route.vel_leader_mps,
+        "transit_s": mission.way_m / mission.route.vel_leader_mps,
         "airtime_s": round(airtime_s(mission), 1),
         "battery_mah": round(battery_mah(mission)),
         "battery_share": round(battery_share(mission), 3),
@@ -43,9 +44,10 @@ def describe(result: dict[str, Any]) -> str:
     """Sentence about `result`, of `summarise`."""
     vehicles = "1 vehicle" if result["vehicles"] == 1 else f"{result['vehicles']} vehicles"
     stops = {0: "", 1: " over 1 stop"}.get(result["stops"], f" over {result['stops']} stops")
+    lanes = f" over {result['lanes']} lane{'s' * (result['lanes'] > 1)}" if result["lanes"] else ""
     return (
         f"{printable(result['file'], MAX_PLACE_CHARS)}: ok: {result['name'] or 'unnamed'}, {vehicles}, "
-        f"{result['distance_m']:.1f} m{stops}, "
+        f"{result['distance_m']:.1f} m{stops}{lanes}, "
         f"{result['transit_s']:.1f} s at {result['vel_leader_mps']} m/s"
         f"{'' if result['origin'] else '; no [origin]: for the simulator alone'}"
         f"{'; no [sensing]: vehicles do not see the forest' * result['flies_blind']}"

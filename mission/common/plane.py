@@ -53,6 +53,14 @@ def clearance_m(point: Point, polygon: Sequence[Point]) -> float:
     return distance_m if inside else -distance_m
 
 
+def way_clearance_m(here: Point, there: Point, polygon: Sequence[Point]) -> float:
+    """Distance from the straight way between two points to the boundary, 0 or less where it meets or leaves it; m."""
+    ends_m = min(clearance_m(here, polygon), clearance_m(there, polygon))
+    if any(meet(here, there, a, b) for a, b in edges(polygon)):
+        return min(ends_m, 0.0)
+    return min(ends_m, *(distance_to_segment_m(vertex, here, there) for vertex in polygon))
+
+
 def polygon_fault(polygon: Sequence[Point]) -> str:
     """The reason why `polygon` is not a simple polygon; empty if it is one."""
     n = len(polygon)

@@ -8,10 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 from mission.common.frames import Vec3
 from mission.common.problems import MissionError, Problem
+from mission.document.airtime import LANDS_BELOW, airtime_s, battery_share
 from mission.document.model import AtEnd, Drag, Mission, Personality
 from mission.rules import flight_rules
 from mission.schema.check import LineOf, no_line, problem_of
@@ -80,6 +82,7 @@ def _conflicts(mission: Mission) -> Iterator[Conflict]:
                 f'makes the leader descend at {descent_mps:.2f} m/s: the simulated "{slowest}" descends at '
                 f"{able.descent_mps:g} m/s at most",
             )
+    yield from _lane_batteries(mission)
     airspeed_mps = _airspeed_mps(mission)
     most_mps = AIRSPEED_MPS[mission.sim.drag]
     if airspeed_mps > most_mps:
@@ -97,10 +100,24 @@ def _conflicts(mission: Mission) -> Iterator[Conflict]:
         )
 
 
+def _lane_batteries(mission: Mission) -> Iterator[Conflict]:
+    """Lanes that the smallest battery does not last for: vehicles would land in the stand."""
+    share, lanes = battery_share(mission), len(mission.lanes)
+    if lanes and share > 1.0 - LANDS_BELOW:
+        yield conflict(
+            mission,
+            ("survey.area_enu_m", "survey.lane_m", "route.vel_leader_mps", "swarm.size", "sim.battery_mah"),
+            f"takes {lanes} lanes, {mission.way_m:.0f} m and {airtime_s(mission) / 60.0:.1f} min: must be at most "
+            f"{100.0 * (1.0 - LANDS_BELOW):.0f} % of the smallest simulated battery, is {100.0 * share:.0f} %",
+        )
+
+
 def _ways(mission: Mission) -> Iterator[tuple[tuple[str, Vec3], tuple[str, Vec3]]]:
     """From where to where the swarm flies, each place with its key, the way home among them."""
     yield from flight_rules.legs(mission)
-    if mission.route.at_end is AtEnd.RETURN and not mission.route.stops:
+    key = "survey.area_enu_m"
+    yield from (((key, here), (key, there)) for here, there in pairwise(mission.way_enu_m) if mission.lanes)
+    if mission.route.at_end is AtEnd.RETURN and not mission.route.stops and not mission.lanes:
         there, back = flight_rules.route_points(mission)
         yield back, there
 

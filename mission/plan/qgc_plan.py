@@ -20,6 +20,7 @@ from mission.common.files import parsed_json, refused
 from mission.common.frames import LocalFrame, Vec3, Wgs84, enu_to_ned, ned_to_enu
 from mission.common.problems import MissionError, Problem, printable, shown
 from mission.document.model import AtEnd, Mission
+from mission.lanes.spread import PASS_M
 from mission.schema.check import validated
 
 MAX_PLAN_BYTES: Final = 1024 * 1024
@@ -66,6 +67,9 @@ def to_plan(mission: Mission, place: str) -> str:
         _do(Command.CHANGE_SPEED, (GROUND_SPEED, route.vel_leader_mps, -1)),
     ]
     for visit in mission.visits:
+        if visit.is_passed:
+            items.append(_at(Command.WAYPOINT, (0.0, PASS_M, 0.0), frame, visit.pos_enu_m))
+            continue
         stay = (visit.duration_s, 0, mission.coverage.radius_m)
         items.append(_at(Command.LOITER_TIME, stay, frame, visit.pos_enu_m))
     if route.at_end is AtEnd.RETURN:

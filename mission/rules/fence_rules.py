@@ -7,9 +7,8 @@ from collections.abc import Iterator
 from mission.common.plane import clearance_m, distance_to_segment_m, edges, meet
 from mission.rules.flight_rules import MARGIN_M, legs, name_of, placement_keys, placement_radius_m, route_points
 from mission.schema.conflict import Conflict, conflict, order
-from mission.schema.tables import CoverageShape, MissionTables
+from mission.schema.tables import FENCE_SLACK_M, CoverageShape, MissionTables
 
-FENCE_SLACK_M = 5.0  # overshoot and gusts on the ring, and room to brake before the fence
 TAKEOFF_SHORT_M = 1.0  # the companion takes a take-off for done that ends this far below its altitude
 
 

@@ -121,9 +121,10 @@ def route_points(mission: MissionTables) -> list[tuple[str, Vec3]]:
 
 def legs(mission: MissionTables) -> list[tuple[tuple[str, Vec3], tuple[str, Vec3]]]:
     """From where to where the swarm goes straight: each with its key of `route_points`. Last may be the way home."""
-    found = list(pairwise(route_points(mission)))
-    if mission.route.at_end is AtEnd.RETURN and mission.route.stops:  # else it is the way there
-        found.append((found[-1][1], found[0][0]))
+    points = route_points(mission)
+    found = [] if mission.lanes else list(pairwise(points))  # `survey_rules` has the ways of lanes
+    if mission.route.at_end is AtEnd.RETURN and (mission.route.stops or mission.lanes):  # else it is the way there
+        found.append((points[-1], points[0]))
     return found
 
 

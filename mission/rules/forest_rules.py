@@ -54,7 +54,10 @@ def stand_area(mission: MissionTables, spec: StandSpec) -> tuple[Point, ...]:
     """Area in which the stand of `mission` grows: east, north of its vertices, m."""
     if spec.area_enu_m is not None:
         return spec.area_enu_m
-    east_m, north_m, _ = zip(*mission.route.points_enu_m, strict=True)
+    points_enu_m = [point[:2] for point in mission.route.points_enu_m]
+    if mission.survey is not None:
+        points_enu_m += mission.survey.area_enu_m or ()
+    east_m, north_m = zip(*points_enu_m, strict=True)
     west, east = min(east_m) - spec.margin_m, max(east_m) + spec.margin_m
     south, north = min(north_m) - spec.margin_m, max(north_m) + spec.margin_m
     return ((west, south), (east, south), (east, north), (west, north))

@@ -15,6 +15,8 @@ from pydantic import ConfigDict, Field, field_validator
 
 from mission.common import plane
 from mission.common.frames import Vec3, Wgs84
+from mission.lanes.lay import Lane, Swath, lay_lanes
+from mission.lanes.spread import swath_of
 from mission.schema.fields import COORDINATE_MAX_M, MAX_VEHICLES, Coordinate, Integer, Number, Table, Text, VehicleId
 from mission.schema.forest import Forest
 from mission.schema.kinds import SensorClass
@@ -23,7 +25,16 @@ from mission.schema.sim import Sim
 
 RANGE_MAX_M = 6_500.0  # SWARM_BEACON.range_dm is a uint16
 MAX_STOPS = 20
+MAX_LANES = 15  # each is two visits, and their number takes five bits of a beacon
+FENCE_SLACK_M = 5.0  # overshoot and gusts, and room to brake before the fence
 BEACON_RATES_HZ = (1.0, 2.0, 4.0, 5.0, 10.0, 20.0)  # whole numbers of 20 Hz control ticks
+
+
+def _simple_polygon(polygon: tuple[plane.Point, ...] | None) -> tuple[plane.Point, ...] | None:
+    fault = polygon and plane.polygon_fault(polygon)
+    if fault:
+        raise ValueError(fault)
+    return polygon
 
 
 class AtEnd(StrEnum):
@@ -101,10 +112,11 @@ class Stop(Table):
 
 
 class Visit(NamedTuple):
-    """A place that is covered: its centre, ENU m, and for how long."""
+    """A place that is covered: its centre, ENU m, and for how long; or the end of a lane, which is passed."""
 
     pos_enu_m: Vec3
     duration_s: float
+    is_passed: bool = False
 
 
 def _point_or_tree(schema: dict[str, Any]) -> None:
@@ -185,7 +197,7 @@ class Route(Table):
 
     @property
     def length_m(self) -> float:
-        """The way from d1 over all stops to d2."""
+        """The way from d1 over all stops to d2; `MissionTables.way_m` has lanes, too."""
         return sum(math.dist(a, b) for a, b in pairwise(self.points_enu_m))
 
 
@@ -385,10 +397,7 @@ class Fence(Table):
     @field_validator("polygon_enu_m")
     @classmethod
     def _simple(cls, polygon: tuple[tuple[float, float], ...] | None) -> tuple[tuple[float, float], ...] | None:
-        fault = polygon and plane.polygon_fault(polygon)
-        if fault:
-            raise ValueError(fault)
-        return polygon
+        return _simple_polygon(polygon)
 
 
 class Sensing(Table):
@@ -483,11 +492,36 @@ class Survey(Table):
     until: Annotated[
         Until | None,
         Field(
-            description="The leader goes on from a tree before its time once it knows the stand so well. Left out: it "
-            "stays the whole time.",
+            description="The leader goes on from a tree before its time, and from lanes to d2 once the first has been "
+            "flown, when it knows the stand so well. Left out: it stays the whole time, and flies all lanes.",
             examples=[{"basal_area_pct": 10.0, "confidence": 0.95}],
         ),
     ] = None
+    area_enu_m: Annotated[
+        tuple[tuple[Coordinate, Coordinate], ...] | None,
+        Field(
+            min_length=3,
+            max_length=64,
+            examples=[[[20.0, -30.0], [100.0, -30.0], [100.0, 30.0], [20.0, 30.0]]],
+            description="Boundary of a stand that is surveyed on the way from d1 to d2, instead of stops: as "
+            "fence.polygon_enu_m. The swarm flies lanes over it, at the height of d2, so that stems are passed on two "
+            "sides, and stand figures are of it. Left out: none are flown, and stand figures are of the fence.",
+        ),
+    ] = None
+    lane_m: Annotated[
+        Number | None,
+        Field(
+            ge=1.0,
+            le=1_000.0,
+            description="How far apart lanes are, at most. Left out: the width of the swarm, by swarm.size and "
+            "separation.soft_m, and 85 % of the reach.",
+        ),
+    ] = None
+
+    @field_validator("area_enu_m")
+    @classmethod
+    def _simple(cls, polygon: tuple[tuple[float, float], ...] | None) -> tuple[tuple[float, float], ...] | None:
+        return _simple_polygon(polygon)
 
 
 class Ranging(Table):
@@ -603,7 +637,60 @@ class MissionTables(Table):
         """The places that are covered, in order; d2 is the last, and for most missions the only one."""
         stay_s = self.coverage.duration_s
         stops = (Visit(s.pos_enu_m, stay_s if s.duration_s is None else s.duration_s) for s in self.route.stops)
-        return (*stops, Visit(self.route.d2_enu_m, stay_s))
+        ends = ((*end, self.route.d2_enu_m[2]) for lane in self.lanes for end in (lane.start, lane.end))
+        return (
+            *(Visit(end_enu_m, 0.0, is_passed=True) for end_enu_m in ends),
+            *stops,
+            Visit(self.route.d2_enu_m, stay_s),
+        )
+
+    @property
+    def trees(self) -> tuple[Visit, ...]:
+        """The visits that are covered; d2 is the last."""
+        return tuple(visit for visit in self.visits if not visit.is_passed)
+
+    @property
+    def named_places(self) -> tuple[tuple[str, Vec3], ...]:
+        """d1, the stops or the ends of lanes, d2, with their names; ENU m."""
+        ends = (f"lane {k}{end}" for k in range(1, len(self.lanes) + 1) for end in ("", " end"))
+        stops = (f"stop {k}" for k in range(1, len(self.route.stops) + 1))
+        return tuple(zip(("d1", *ends, *stops, "d2"), self.way_enu_m, strict=True))
+
+    @property
+    def way_enu_m(self) -> tuple[Vec3, ...]:
+        """d1, the visits, d2: ENU m. The swarm goes straight from each to the next."""
+        return (self.route.d1_enu_m, *(visit.pos_enu_m for visit in self.visits))
+
+    @property
+    def way_m(self) -> float:
+        """The way from d1 over all visits to d2."""
+        return sum(math.dist(a, b) for a, b in pairwise(self.way_enu_m))
+
+    @property
+    def swath(self) -> Swath:
+        """Distances of the lanes of this swarm."""
+        survey, sensing = self.survey or Survey(), self.sensing or Sensing()
+        return swath_of(
+            size=self.swarm.size,
+            soft_m=self.separation.soft_m,
+            reach_m=min(survey.reach_m, sensing.range_m),
+            lane_m=survey.lane_m,
+        )
+
+    @property
+    def lanes(self) -> tuple[Lane, ...]:
+        """Lanes over the stand that is surveyed, in the order in which they are flown; without one none."""
+        if self.survey is None or self.survey.area_enu_m is None:
+            return ()
+        swath, (d1, d2) = self.swath, (self.route.d1_enu_m, self.route.d2_enu_m)
+        slack_m = FENCE_SLACK_M + swath.spread_m / 2.0
+        return lay_lanes(self.survey.area_enu_m, swath, (d1[:2], d2[:2]), self.fence.polygon_enu_m, slack_m)
+
+    @property
+    def surveyed_enu_m(self) -> tuple[tuple[float, float], ...] | None:
+        """The ground that stand figures are of: that of the lanes, else the fence's; None: all that is seen."""
+        area = None if self.survey is None else self.survey.area_enu_m
+        return self.fence.polygon_enu_m if area is None else area
 
     @field_validator("name")
     @classmethod

@@ -172,15 +172,14 @@ def _mission(mission: Mission, sheet: _Sheet) -> Iterator[str]:
     route = mission.route
     if mission.fence.polygon_enu_m:
         yield _line((*mission.fence.polygon_enu_m, mission.fence.polygon_enu_m[0]), FENCE, 0.4, dashes="2 1")
-    yield _line([(p[0], p[1]) for p in route.points_enu_m], WAY, 0.4)
+    yield _line([(p[0], p[1]) for p in mission.way_enu_m], WAY, 0.4)
     yield _ring(route.d1_enu_m, placement_radius_m(mission), WAY)
-    for visit in mission.visits:
+    for visit in mission.trees:
         yield _ring(visit.pos_enu_m, mission.coverage.radius_m, WAY)
         if mission.coverage.shape is CoverageShape.RING:
             yield _ring(visit.pos_enu_m, mission.coverage.keep_out_m, FENCE)
-    names = ["d1", *(f"stop {k}" for k in range(1, len(route.stops) + 1)), "d2"]
     size_m = 1.6 * sheet.text_m
-    for name, pos_enu_m in zip(names, route.points_enu_m, strict=True):
+    for name, pos_enu_m in mission.named_places:
         at = f'x="{pos_enu_m[0] + 0.3 * size_m:.2f}" y="{-pos_enu_m[1] - 0.3 * size_m:.2f}"'
         yield f'<text {at} font-size="{size_m:.2f}" fill="{WAY}">{name}</text>'
 

@@ -55,7 +55,7 @@ def _planted(mission: Mission, standing: Sequence[StandTree]) -> list[Point]:
     """d2 and the stops before it, except where the mission has a trunk already."""
     keep_out_m = mission.coverage.keep_out_m
     planted: list[Point] = []
-    for visit in mission.visits:
+    for visit in mission.trees:
         pos_enu_m = visit.pos_enu_m[:2]
         taken = (*((tree.east_m, tree.north_m) for tree in standing), *planted)
         if all(math.dist(other, pos_enu_m) >= keep_out_m for other in taken):

@@ -146,7 +146,7 @@ class Observer:
 
 def time_limit_s(mission: Mission) -> float:
     """Time after which a flight has failed: generous for each part of it."""
-    cruise_s = mission.route.length_m / mission.route.vel_leader_mps
+    cruise_s = mission.way_m / mission.route.vel_leader_mps
     climb_s = mission.route.d1_enu_m[2] / mission.limits.climb_max_mps
     back = mission.route.at_end is AtEnd.RETURN
     legs = 2 if back else 1

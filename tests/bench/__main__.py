@@ -42,6 +42,7 @@ from tests.bench import (
     stand_until,
     survey,
     survey_fits,
+    survey_lanes,
     trunks,
 )
 from tests.bench.agent import agent
@@ -86,6 +87,7 @@ PROGRAMS = {
     "stand-until": stand_until.main,
     "survey": survey.main,
     "survey-fits": survey_fits.main,
+    "survey-lanes": survey_lanes.main,
     "trunks": trunks.main,
 }
 
@@ -352,6 +354,7 @@ ABOUT = {
     "stand-until": "surveys that stop by the interval of their basal area: see stand-until --help",
     "survey": "stems measured by a lidar of each class against the bridge's trees: see survey --help",
     "survey-fits": "our fits of stems beside a library's on the same clouds: see survey-fits --help",
+    "survey-lanes": "one stand surveyed by one vehicle and by eight: area a minute: see survey-lanes --help",
     "trunks": "contacts with trunks by estimates as recorded, by class of sensor: see trunks --help",
     "defences": "which failsafes and limits acted in flights of sim-bridge search: see defences --help",
     "bad-radio": "beacons lost, late or cut off: what is said, who counts as silent: see bad-radio --help",

@@ -73,7 +73,7 @@ def trunks_of(mission: Mission) -> tuple[Trunk, ...]:
     """
     upright = mission.coverage.shape is CoverageShape.RING
     keep_out_m = mission.coverage.keep_out_m
-    return tuple([Trunk(enu_to_ned(visit.pos_enu_m), keep_out_m, upright=upright) for visit in mission.visits])
+    return tuple([Trunk(enu_to_ned(visit.pos_enu_m), keep_out_m, upright=upright) for visit in mission.trees])
 
 
 def find_hovering(silent: Mapping[int, PeerReport], neighbours: Sequence[Neighbour]) -> dict[int, PeerReport]:

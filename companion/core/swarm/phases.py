@@ -10,6 +10,7 @@ from companion.core.model.states import SwarmPhase
 from mission.common.forming import GAP_WINDOW_S, FormingTime
 from mission.common.frames import Vec3, enu_to_ned
 from mission.document.model import AtEnd, Mission
+from mission.lanes.spread import PASS_M
 
 GATHER_LIMIT_S: Final = 45.0  # beyond the climb: then those that are there depart
 CLOSE_UP_LIMIT_S: Final = 10.0  # for stragglers to come to rest once the leader has arrived
@@ -18,17 +19,22 @@ STUCK_LAND_S: Final = 120.0  # a leader that comes no nearer to its goal for so 
 PROGRESS_M: Final = 1.0
 PAUSE_S: Final = 2.0  # a leader that did not lead for so long has its time anew
 DWELL_S: Final = 1.0  # a condition holds this long before it counts
+LANE_WAIT_S: Final = 5.0  # within the arrival distance: a trunk stands there
+LANE_GIVE_UP_S: Final = 90.0  # farther off, but not two ends in succession
+ENDS_OF_LANE: Final = 2  # visits
 STOP_SHARE: Final = 0.8  # of the arrival distance: the leader comes to rest inside of it
 
 
 class PhaseEvent(Enum):
     """The conditions under which a leader takes the swarm on; the value says each in words."""
 
+    STAND_KNOWN = "the first lane has been flown, and the leader knows the stand as well as the mission asks for"
+    PASSED = f"the leader is at the end of a lane; or near it, or for {LANE_GIVE_UP_S:.0f} s, and comes no nearer"
     STUCK = f"the leader has come no nearer to its goal for {STUCK_LAND_S:.0f} s"
     ASSEMBLED = "the flight is allowed, and all are ready; or a majority is, and the time is up"
     GATHERED = "the leader is at d1, and all have gathered there; or a majority has, and the time is up"
     TOO_FEW = f"too few have gathered at d1, {TOO_FEW_LAND_S:.0f} s after the time was up"
-    ARRIVED = "the leader is at its goal"
+    ARRIVED = "the leader is at its goal, which is no end of a lane"
     NEXT_TREE = "the time at this tree is up, and another one follows"
     COVERED_RETURNS = "the time at the last tree is up, the ring has formed or cannot, and the mission ends at d1"
     COVERED_LANDS = "the time at the last tree is up, the ring has formed or cannot, and the mission ends there"
@@ -39,7 +45,12 @@ class PhaseEvent(Enum):
 TRANSITIONS: dict[SwarmPhase, list[tuple[PhaseEvent, SwarmPhase]]] = {
     SwarmPhase.ASSEMBLE: [(PhaseEvent.ASSEMBLED, SwarmPhase.GATHER)],
     SwarmPhase.GATHER: [(PhaseEvent.GATHERED, SwarmPhase.TRANSIT), (PhaseEvent.TOO_FEW, SwarmPhase.LAND)],
-    SwarmPhase.TRANSIT: [(PhaseEvent.STUCK, SwarmPhase.LAND), (PhaseEvent.ARRIVED, SwarmPhase.COVERAGE)],
+    SwarmPhase.TRANSIT: [
+        (PhaseEvent.STAND_KNOWN, SwarmPhase.TRANSIT),
+        (PhaseEvent.PASSED, SwarmPhase.TRANSIT),
+        (PhaseEvent.STUCK, SwarmPhase.LAND),
+        (PhaseEvent.ARRIVED, SwarmPhase.COVERAGE),
+    ],
     SwarmPhase.COVERAGE: [
         (PhaseEvent.NEXT_TREE, SwarmPhase.TRANSIT),
         (PhaseEvent.COVERED_RETURNS, SwarmPhase.RETURN),
@@ -66,6 +77,7 @@ class Phases:
         self._until = None if mission.survey is None else mission.survey.until
         self._knows_stand = False  # by the own records, as well as the mission asks for
         self._started = False  # the operator's word is known
+        self._gave_up = False  # the lane's end before this goal
         self._met_since_s: float | None = None
         self._arrived_s: float | None = None
         self._nearest_m, self._nearer_s, self._led_s = math.inf, now_s, -math.inf
@@ -86,6 +98,13 @@ class Phases:
         """`now_s` by a clock that does not run while an operator holds the swarm."""
         return now_s - self._held_s
 
+    def is_step(self, following: SwarmPhase, its_stop: int) -> bool:
+        """This phase leads to that one at once, by the table of phases; the mission may not have it so soon."""
+        if self.phase is SwarmPhase.TRANSIT and following is SwarmPhase.TRANSIT:
+            last = len(self._visits) - 1
+            return self._is_passing and (its_stop == self.stop + 1 or (its_stop == last and self._until is not None))
+        return is_step(self.phase, self.stop, following, its_stop)
+
     def elapsed_s(self, now_s: float) -> float:
         """Since this phase began, without the time for which an operator held this vehicle."""
         return self._mission_s(now_s) - self.since_s
@@ -97,7 +116,7 @@ class Phases:
     def adopt_phase(self, phase: SwarmPhase, now_s: float, stop: int = 0) -> None:
         """The leader has announced `phase`, at `stop`. A swarm only goes on, so an older word changes nothing."""
         if stop < len(self._visits) and progress_of(phase, stop) > progress_of(self.phase, self.stop):
-            self.saw_begin = is_step(self.phase, self.stop, phase, stop)
+            self.saw_begin = self.is_step(phase, stop)
             self.stop = stop
             self._enter_phase(phase, self._mission_s(now_s))
 
@@ -110,7 +129,8 @@ class Phases:
             case SwarmPhase.RETURN:
                 return enu_to_ned(route.d1_enu_m), 0.0
             case SwarmPhase.TRANSIT:
-                return enu_to_ned(self._visits[self.stop].pos_enu_m), STOP_SHARE * route.arrival_distance_m
+                visit = self._visits[self.stop]
+                return enu_to_ned(visit.pos_enu_m), 0.0 if visit.is_passed else STOP_SHARE * route.arrival_distance_m
             case _:
                 return None
 
@@ -134,8 +154,12 @@ class Phases:
         for event, phase in TRANSITIONS[self.phase]:
             if self._has_happened(event, done, to_goal_m, now_s):
                 self.saw_begin = True
-                if event is PhaseEvent.NEXT_TREE:
+                if event is PhaseEvent.PASSED:
+                    self._gave_up = to_goal_m > self._mission.route.arrival_distance_m
+                if event is PhaseEvent.NEXT_TREE or event is PhaseEvent.PASSED:
                     self.stop += 1
+                elif event is PhaseEvent.STAND_KNOWN:
+                    self.stop = len(self._visits) - 1
                 self._enter_phase(phase, now_s)
                 return True
         return False
@@ -143,6 +167,10 @@ class Phases:
     def _has_happened(self, event: PhaseEvent, done: int, to_goal_m: float, now_s: float) -> bool:
         at_goal = to_goal_m <= self._mission.route.arrival_distance_m
         match event:
+            case PhaseEvent.STAND_KNOWN:
+                return self._knows_stand and self.may_skip_lanes(self.stop)
+            case PhaseEvent.PASSED:
+                return self._is_passing and self._has_passed(to_goal_m, now_s)
             case PhaseEvent.STUCK:
                 return not at_goal and now_s - self._nearer_s > STUCK_LAND_S
             case PhaseEvent.ASSEMBLED:
@@ -152,7 +180,7 @@ class Phases:
             case PhaseEvent.TOO_FEW:
                 return self._is_overdue(now_s - TOO_FEW_LAND_S)
             case PhaseEvent.ARRIVED:
-                return at_goal
+                return at_goal and not self._is_passing
             case PhaseEvent.NEXT_TREE:
                 return self._is_covered(now_s) and not self._at_last
             case PhaseEvent.COVERED_RETURNS:
@@ -162,12 +190,31 @@ class Phases:
             case PhaseEvent.CLOSED_UP:
                 return self._closed_up(done, at_goal=at_goal, now_s=now_s)
 
+    def _has_passed(self, to_goal_m: float, now_s: float) -> bool:
+        """The leader is at the end of a lane, or as near as it gets to it."""
+        waited_s = now_s - self._nearer_s
+        is_near = to_goal_m <= self._mission.route.arrival_distance_m
+        given_up = waited_s > LANE_GIVE_UP_S and not self._gave_up
+        return to_goal_m <= PASS_M or (is_near and waited_s > LANE_WAIT_S) or given_up
+
     def _update_progress(self, to_goal_m: float, now_s: float) -> None:
         """Notes when the leader last came nearer to its goal, on the way to d2 or back."""
         led_s, self._led_s = self._led_s, now_s
         under_way = self.phase in (SwarmPhase.TRANSIT, SwarmPhase.RETURN)
         if not under_way or now_s - led_s > PAUSE_S or to_goal_m <= self._nearest_m - PROGRESS_M:
             self._nearest_m, self._nearer_s = to_goal_m, now_s
+
+    def is_passed(self, stop: int) -> bool:
+        """This visit is the end of a lane."""
+        return self._visits[stop].is_passed
+
+    def may_skip_lanes(self, stop: int) -> bool:
+        """From the way to this visit the mission has a leader go on to d2 at once: the first lane has been flown."""
+        return self._until is not None and stop >= ENDS_OF_LANE and self.is_passed(stop)
+
+    @property
+    def _is_passing(self) -> bool:
+        return self.is_passed(self.stop)
 
     @property
     def _at_last(self) -> bool:
@@ -177,7 +224,8 @@ class Phases:
     def note_stand(self, basal_area_pct: float | None) -> None:
         """The interval of the basal area, by the records that this vehicle has (`StandMeasured`).
 
-        A leader ends coverage by it, but never before `until.after_s`; who follows it goes by the time alone.
+        A leader ends coverage by it, but never before `until.after_s`, and leaves out lanes, but never the first; who
+        follows it goes by the time and the lane alone.
         """
         until = self._until
         self._knows_stand = until is not None and basal_area_pct is not None and basal_area_pct <= until.basal_area_pct
@@ -249,7 +297,7 @@ def progress_of(phase: SwarmPhase, stop: int) -> tuple[bool, int, SwarmPhase]:
 
 
 def is_step(phase: SwarmPhase, stop: int, following: SwarmPhase, its_stop: int) -> bool:
-    """The one leads to the other at once, by the table of phases; the mission may not have it."""
+    """The one leads to the other at once, by the table of phases, lanes left out; the mission may not have it."""
     match phase:
         case SwarmPhase.ASSEMBLE:
             return following is SwarmPhase.GATHER

@@ -30,6 +30,7 @@ class SwarmReports:
         self._size = mission.swarm.size
         self._visits = len(mission.visits)
         self._has_stops = bool(mission.route.stops)
+        self._lanes = len(mission.lanes)
         self._reports: list[Say] = []  # since they were taken last
         self._leader: int | None = None
         self._wait_said_s: dict[int, float] = {}  # by id: when it was last said that it is waited for
@@ -56,6 +57,19 @@ class SwarmReports:
         missing = self._others_than(done) if SwarmPhase.GATHER in (entered, before) else ""
         if missing:
             self._add(Severity.NOTICE, f"swarm goes on without {missing}")
+
+    def report_lane(self, before: int, stop: int, *, is_reached: bool) -> None:
+        """A leader's that goes on from the visit `before` to `stop`; `is_reached`: it has come there."""
+        if stop > before + 1:
+            self._add(Severity.NOTICE, "stand known: leaving for d2")
+            return
+        if not is_reached:
+            end = "end" if before % 2 else "start"
+            self._add(Severity.WARNING, f"lane {before // 2 + 1}: {end} not reached, going on")
+        if stop == 2 * self._lanes:
+            self._add(Severity.NOTICE, "lanes done: leaving for d2")
+        else:
+            self._add(Severity.NOTICE, f"{'on' if stop % 2 else 'leaving for'} {self._name_lane(stop)}")
 
     def report_blocked(self, vehicle: int, why: str) -> None:
         """A member whose words count for separation alone from now on."""
@@ -93,12 +107,18 @@ class SwarmReports:
 
     def _name_phase(self, entered: SwarmPhase, before: SwarmPhase, stop: int) -> str:
         """A new phase in words."""
+        if entered is SwarmPhase.TRANSIT and self._lanes:
+            return f"gathered at d1: leaving for {self._name_lane(stop)}"
         if not self._has_stops or entered not in (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE):
             return NEWS[entered]
         tree = f"tree {stop + 1} of {self._visits}"
         if entered is SwarmPhase.COVERAGE:
             return f"arrived at {tree}: spreading around it"
         return f"{'gathered at d1' if before is SwarmPhase.GATHER else 'coverage done'}: leaving for {tree}"
+
+    def _name_lane(self, stop: int) -> str:
+        """The lane that this visit is an end of."""
+        return f"lane {stop // 2 + 1} of {self._lanes}"
 
     def _others_than(self, done: int) -> str:
         """The vehicles of the swarm that are not in `done`, as a list in words."""

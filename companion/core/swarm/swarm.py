@@ -230,7 +230,7 @@ class Swarm:
             return
         if self.phases.is_near_end(now_s) and not self._is_formed(picture):
             self.phases.note_unformed(now_s)
-        done, phase = self.roster.done, self.phases.phase
+        done, phase, stop = self.roster.done, self.phases.phase, self.phases.stop
         done = self._may_leave(self.roster.with_excluded(done), is_lost=is_lost)
         if self.phases.decide_phase(done, to_goal_m=to_goal_m, started=self.operator.started, now_s=now_s):
             entered = self.phases.phase
@@ -238,7 +238,10 @@ class Swarm:
                 self.roster.mark_launched(done)
             if entered is SwarmPhase.LAND and phase in (SwarmPhase.TRANSIT, SwarmPhase.RETURN) and not there:
                 self._reports.report_stuck()
-            self._reports.report_phase(entered, phase, self.phases.stop, done)
+            if entered is phase:
+                self._reports.report_lane(stop, self.phases.stop, is_reached=there)
+            else:
+                self._reports.report_phase(entered, phase, self.phases.stop, done)
         elif (phase is SwarmPhase.ASSEMBLE and self.operator.started) or self.phases.overdue(now_s):
             self._reports.report_absent(done, now_s)
 

@@ -50,7 +50,7 @@ circle.left { opacity: 0.6; }
 
 def report_page(mission: Mission, harvest: Harvest, fusion: Fusion, ground: SeenGround, origin_note: str = "") -> str:
     """The document of the mission's stand. `origin_note`: what is to be said of its origin."""
-    name, area_m = mission.name, mission.fence.polygon_enu_m
+    name, area_m = mission.name, mission.surveyed_enu_m
     title = f"Stand report: {escape(name)}"
     figures = ground.figures
     lines = [*_made(mission, harvest, origin_note), *_method(harvest, fusion)]

@@ -52,7 +52,7 @@ def write_products(
     """
     harvest = harvest_of(records)
     fusion = fuse(harvest.observations, mission.without_satellites)
-    area_m = mission.fence.polygon_enu_m
+    area_m = mission.surveyed_enu_m
     ground = figures_of(harvest, fusion, area_m=area_m, form_height_m=form_height_m)
     out_dir.mkdir(parents=True, exist_ok=True)
     files = []

@@ -55,10 +55,8 @@ class Flown:
         return datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=microseconds)
 
     def route_points(self) -> Iterator[tuple[str, Wgs84]]:
-        """d1, the stops, d2, with their names."""
-        route = self.mission.route
-        names = ["d1", *[f"stop {k}" for k in range(1, len(route.stops) + 1)], "d2"]
-        for name, pos_enu_m in zip(names, route.points_enu_m, strict=True):
+        """d1, the stops or the ends of lanes, d2, with their names."""
+        for name, pos_enu_m in self.mission.named_places:
             yield name, self.frame.to_wgs84(enu_to_ned(pos_enu_m))
 
     def fence(self) -> list[Wgs84]:

@@ -40,8 +40,8 @@ def arrival(recording: Recording, mission: Mission, connected: Bools) -> Arrival
     leads_there: Bools = recording.acting & alive & (to_d2_m <= arrived_within_m(mission))
     there = ~recording.on_ground & (to_d2_m <= gathered_within_m(mission, _width_m(recording, mission, start)))
     gathered: Bools = connected & (there | ~alive).all(axis=1)
-    bound_for_d2 = visits_of(recording) == len(mission.visits) - 1
-    leader_tick = _first(np.asarray(leads_there.any(axis=1) & (bound_for_d2 | (not mission.route.stops))), start)
+    bound_for_d2 = is_bound_for_d2(recording, mission) | (not mission.route.stops and not mission.lanes)
+    leader_tick = _first(np.asarray(leads_there.any(axis=1) & bound_for_d2), start)
     if leader_tick is None:
         return Arrival(straight_s)
     last_tick = _first(gathered, leader_tick)
@@ -60,14 +60,20 @@ def arrivals_s(recording: Recording, mission: Mission) -> list[float | None]:
     if started is None:
         return [None] * recording.on_ground.shape[1]
     near = distance_to_d2_m(recording, mission) <= gathered_within_m(mission, _width_m(recording, mission, started[0]))
-    bound_for_d2 = (visits_of(recording) == len(mission.visits) - 1)[:, None]
-    there = near & recording.agent_alive & ~recording.on_ground & bound_for_d2
+    there = near & recording.agent_alive & ~recording.on_ground & is_bound_for_d2(recording, mission)[:, None]
     ticks = [_first(np.asarray(column), started[0]) for column in there.T]
     return [None if tick is None else float(recording.time_s[tick]) for tick in ticks]
 
 
+def is_bound_for_d2(recording: Recording, mission: Mission) -> Bools:
+    """(T,) true from when the swarm is bound for the last of its trees; on lanes it may come by: when it is there."""
+    if mission.lanes:
+        return np.maximum.accumulate(swarm_phase(recording) == SwarmPhase.COVERAGE)
+    return np.asarray(visits_of(recording) == len(mission.trees) - 1)
+
+
 def _straight_s(pos_ned_m: Floats, mission: Mission) -> float:
-    """From a place (3,) straight on over all stops, with the time at them, until as near to d2 as is arrived."""
+    """From a place (3,) straight on over all stops or lanes, with the time there, until as near to d2 as is arrived."""
     points_ned_m = np.array([pos_ned_m, *(enu_to_ned(visit.pos_enu_m) for visit in mission.visits)])
     way_m = float(np.linalg.norm(np.diff(points_ned_m, axis=0), axis=1).sum()) - mission.route.arrival_distance_m
     stays_s = sum(visit.duration_s for visit in mission.visits[:-1])
@@ -75,11 +81,11 @@ def _straight_s(pos_ned_m: Floats, mission: Mission) -> float:
 
 
 def visited(recording: Recording, mission: Mission) -> int:
-    """At how many of the mission's visits an acting leader was within the arrival distance and announced COVERAGE."""
+    """At how many of the mission's trees an acting leader was within the arrival distance and announced COVERAGE."""
     visits, covering = visits_of(recording), swarm_phase(recording) == SwarmPhase.COVERAGE
     acting = recording.acting & recording.agent_alive
     count = 0
-    for k, visit in enumerate(mission.visits):
+    for k, visit in enumerate(mission.trees):
         near: Bools = _distance_m(recording.pos_ned_m, visit.pos_enu_m) <= arrived_within_m(mission)
         count += bool(((near & acting).any(axis=1) & covering & (visits == k)).any())
     return count

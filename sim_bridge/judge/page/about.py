@@ -37,7 +37,7 @@ ABOUT: Final[dict[str, About]] = {
     "limits[].kept": About("boolean or null", "", "Whether it was kept; null: no limit."),
     "figures": About("object", "", "The [figures](metrics.md) by name."),
     "figures_named": About("array", "", "The same by the names that people see, with units; shares are percent."),
-    "mission.places[].name": About("text", "", "d1, stop 1 ..., d2."),
+    "mission.places[].name": About("text", "", "d1, stop 1 ... or lane 1, lane 1 end ..., d2."),
     "mission.places[].enu_m": About("3 numbers", "m", "Where it is."),
     "mission.coverage.shape": About("text", "", "ring or sphere."),
     "mission.coverage.radius_m": About("number", "m", "Of the ring or sphere."),

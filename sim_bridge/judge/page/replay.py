@@ -141,20 +141,17 @@ def body(
 
 def mission_values(mission: Mission) -> dict[str, Any]:
     """The mission as the page draws it."""
-    route, coverage, fence = mission.route, mission.coverage, mission.fence
-    names = ["d1", *[f"stop {k}" for k in range(1, len(route.stops) + 1)], "d2"]
+    coverage, fence = mission.coverage, mission.fence
     trunks = mission.sim.radio_trunks
     attenuated = 10.0 ** (-mission.sim.radio_trunk_db / 20.0)
     factor = {RadioTrunks.DISC: 1.0, RadioTrunks.CUT: 0.0, RadioTrunks.ATTENUATED: attenuated}[trunks]
     sensing = mission.sensing
     return {
-        "places": [
-            {"name": name, "enu_m": list(pos_enu_m)} for name, pos_enu_m in zip(names, route.points_enu_m, strict=True)
-        ],
+        "places": [{"name": name, "enu_m": list(pos_enu_m)} for name, pos_enu_m in mission.named_places],
         "coverage": {
             "shape": coverage.shape.value,
             "radius_m": coverage.radius_m,
-            "centres_enu_m": [list(visit.pos_enu_m) for visit in mission.visits],
+            "centres_enu_m": [list(visit.pos_enu_m) for visit in mission.trees],
         },
         "fence_enu_m": [list(point) for point in fence.polygon_enu_m or ()],
         "origin": None if mission.origin is None else [mission.origin.lat_deg, mission.origin.lon_deg],
@@ -190,7 +187,7 @@ def swarm_values(
 ) -> dict[str, NDArray[Any]]:
     """Figures of all of it over time, (T,) each; nan where there is none. `visits`: (T,) as `visits_of`."""
     leader, phase = acting_leader(shown), swarm_phase(shown)
-    visits_ned_m = np.array([enu_to_ned(visit.pos_enu_m) for visit in mission.visits])
+    visits_ned_m = np.array([enu_to_ned(visit.pos_enu_m) for visit in mission.trees])
     bound_for = visits_ned_m[np.minimum(visits, len(visits_ned_m) - 1)]
     of_leader = shown.pos_ned_m[np.arange(len(leader)), np.maximum(leader, 1) - 1]
     return {

@@ -19,7 +19,7 @@ from companion.mavlink.makes.make import REQUESTS, Make
 from companion.mavlink.makes.px4 import PX4
 from companion.mavlink.own_messages import FASTEST_MPS, FURTHEST_M
 from companion.mavlink.schema.tables.beacon import BEACON
-from mission.schema.tables import MAX_STOPS
+from mission.schema.tables import MAX_LANES
 from tests.unit.core.core_kit import beacon, lease
 from tests.unit.mavlink.codec_kit import BAD_FLOATS, FRAME, INF, NAN, codec_at, heard, home, local_position, on_wire
 
@@ -181,7 +181,7 @@ SPEEDS = ["vx", "vy", "vz", "ref_vx", "ref_vy", "ref_vz"]
         *[(field, value) for field in SPEEDS for value in [*BAD_FLOATS, 1.01 * FASTEST_MPS, -1.01 * FASTEST_MPS]],
         *[("route_cost", value) for value in (NAN, -INF, -1.0, -1e-9)],
         *[("governor", value) for value in (*BAD_FLOATS, -0.01, 1.01)],
-        *[("phase", value) for value in (len(SwarmPhase), 7, 8 + len(SwarmPhase), (MAX_STOPS + 1) * 8, 255)],
+        *[("phase", value) for value in (len(SwarmPhase), 7, 8 + len(SwarmPhase), (2 * MAX_LANES + 1) * 8, 255)],
         *[("flight_state", value) for value in (len(FlightState), 128, 255)],
         *[("seen_" + axis, value) for axis in "xyz" for value in [*BAD_FLOATS, 1.01 * FURTHEST_M, -1.01 * FURTHEST_M]],
         *[("lat", value) for value in (2**31 - 1, -(2**31), 0)],

@@ -67,6 +67,7 @@ reach_m = 7.0
 dbh_min_m = 0.08
 taper_cm_per_m = 1.0
 taper_sd_cm_per_m = 0.4
+lane_m = 20.0
 [survey.until]
 basal_area_pct = 15.0
 confidence = 0.9

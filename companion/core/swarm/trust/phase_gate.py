@@ -15,7 +15,7 @@ from typing import Final, final
 
 from companion.core.model.beacon import Beacon
 from companion.core.model.states import SwarmPhase
-from companion.core.swarm.phases import STUCK_LAND_S, Phases, is_step, progress_of
+from companion.core.swarm.phases import STUCK_LAND_S, Phases, progress_of
 from mission.common.frames import Vec3
 from mission.document.model import AtEnd, Mission, PositionUncertain
 
@@ -115,7 +115,7 @@ class PhaseGate:
         else:
             nearer = sum([w.hop < hop for w in followers.values()])
             needed = WITNESSES if lease.leader in followers or nearer > 1 or not is_news else 1
-        steps = is_step(phases.phase, phases.stop, beacon.phase, beacon.stop)
+        steps = phases.is_step(beacon.phase, beacon.stop)
         if not steps and phases.phase > SwarmPhase.ASSEMBLE and len(fresh) > 1:
             needed = WITNESSES  # it has missed some: so the leader's word alone will not do
         if len(agree) < needed:
@@ -129,6 +129,13 @@ class PhaseGate:
         match phases.phase, phase:
             case SwarmPhase.GATHER, SwarmPhase.LAND:
                 return since_s >= EARLY_SHARE * phases.gather_limit_s
+            case (
+                SwarmPhase.TRANSIT,
+                SwarmPhase.TRANSIT,
+            ):  # a lane's end has been passed, or the other lanes are left out
+                return stop == phases.stop + 1 or phases.may_skip_lanes(phases.stop)
+            case (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE):
+                return not phases.is_passed(stop)
             case (SwarmPhase.TRANSIT, SwarmPhase.RETURN):
                 return self.may_turn_back
             case (SwarmPhase.TRANSIT, SwarmPhase.LAND):
@@ -144,7 +151,7 @@ class PhaseGate:
         said = progress_of(beacon.phase, beacon.stop)
         if said <= progress_of(phases.phase, phases.stop) or phases.phase is SwarmPhase.RETURN:
             return False
-        return is_step(phases.phase, phases.stop, beacon.phase, beacon.stop) and not self.is_possible(
+        return phases.is_step(beacon.phase, beacon.stop) and not self.is_possible(
             beacon.phase, beacon.stop, phases, now_s
         )
 

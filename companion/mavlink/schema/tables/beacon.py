@@ -9,7 +9,7 @@ from typing import Final
 
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink.schema.rows import Bits, Message, Part, Value, field, vector
-from mission.schema.tables import MAX_STOPS
+from mission.schema.tables import MAX_LANES, MAX_STOPS
 
 VERSION: Final = 1  # of what the fields mean; docs/reference/stability.md says what changes it
 FURTHEST_M: Final = 50_000.0  # beyond it a position, and
@@ -226,7 +226,7 @@ BEACON: Final = Message(
                 ),
             ),
             least=0,
-            most=MAX_STOPS << PHASE_BITS | len(SwarmPhase) - 1,
+            most=max(MAX_STOPS, 2 * MAX_LANES) << PHASE_BITS | len(SwarmPhase) - 1,
         ),
         field(
             "flags",

@@ -286,3 +286,18 @@ def test_a_bad_file_is_named_and_nothing_is_written(
     assert run(*arguments(tmp_path)) == code
     assert said in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == [file.name]
+
+
+def test_lanes_go_out_as_waypoints_that_are_passed() -> None:
+    surveys = mission(
+        route={"stops": ()},
+        coverage={"duration_s": 0.0},
+        fence={"polygon_enu_m": ((-90.0, -90.0), (140.0, -90.0), (140.0, 90.0), (-90.0, 90.0))},
+    )
+    area = ((20.0, -20.0), (60.0, -20.0), (60.0, 20.0), (20.0, 20.0))
+    values = {**surveys.model_dump(by_alias=True), "sensing": {"sensor": "scan-1deg"}, "survey": {"area_enu_m": area}}
+    lanes = Mission.model_validate(values)
+    items = json.loads(to_plan(lanes, "lanes"))["mission"]["items"]
+    passed = [one["params"][1] for one in items if one["command"] == 16]
+    assert passed == [2.0] * (2 * len(lanes.lanes))
+    assert [one["command"] for one in items][-2:] == [19, 20]  # d2, and home
