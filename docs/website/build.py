@@ -22,7 +22,7 @@ MERMAID: Final = NPM / "@mermaid-js" / "tiny" / "dist" / "mermaid.tiny.js"  # el
 
 def main(argv: Sequence[str]) -> int:
     """Exit code 0; 1 where a page or a link is wrong."""
-    parser = argparse.ArgumentParser(prog="python -m docs.website.build", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m docs.website.build", description=__doc__, allow_abbrev=False)
     parser.add_argument("out", type=Path, nargs="?", default=ROOT / "dist" / "site", help="(dist/site)")
     parser.add_argument("--zensical", default="zensical", metavar="PROGRAM", help="the generator of the pages")
     parser.add_argument("--lock", action="store_true", help="write browser.lock anew, and build nothing")

@@ -15,7 +15,7 @@ from docs.website.native import musl
 
 def main(argv: Sequence[str]) -> int:
     """Exit code 0; 1 where musl is asked for and not there."""
-    parser = argparse.ArgumentParser(prog="python -m docs.website.native", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m docs.website.native", description=__doc__, allow_abbrev=False)
     parser.add_argument(
         "--settings", default="{}", metavar="JSON", help='as the page shows them: {"size": 8, "seed": 1}'
     )
