@@ -131,13 +131,14 @@ def _survey(mission: Mission) -> Iterator[str]:
 def _check_stand(
     mission: Mission, document: Document, path: str | os.PathLike[str], read: ReadStems | None
 ) -> tuple[Stand | None, tuple[Problem, ...], list[str]]:
-    """Its stand; that its stem map is absent, which only the simulator reads; notes where its fence meets crowns.
+    """Its stand; that its stem map is absent, which only the simulator reads; notes where its fence meets crowns, and
+    where no tree is to be covered.
 
     MissionError for a map that is there and wrong, or that a mission for the simulator alone lacks.
     """
     if mission.forest.file is None and mission.forest.stand is None:
         return None, (), []
-    from mission.check.forest_notes import fence_notes
+    from mission.check.forest_notes import bare_notes, fence_notes
     from mission.stand.resolve import resolve_stand
 
     try:
@@ -146,4 +147,4 @@ def _check_stand(
         if mission.origin is None or (Path(path).parent / (mission.forest.file or "")).exists():
             raise
         return None, error.problems, []
-    return stand, (), list(fence_notes(stand, mission))
+    return stand, (), [*bare_notes(stand, mission), *fence_notes(stand, mission)]
