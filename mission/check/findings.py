@@ -13,7 +13,7 @@ from mission.document import simulator
 from mission.document.airtime import find_short_batteries
 from mission.document.barometer import find_lacking_room
 from mission.document.height_layers import APART_M, LIMIT_M, list_layers
-from mission.document.load import Document
+from mission.document.load import Document, check_kind
 from mission.document.model import Mission
 from mission.rules.survey_rules import cut_distances_m
 from mission.schema.check import validated
@@ -43,6 +43,7 @@ def check_document(document: Document, path: str | os.PathLike[str], read: ReadS
 
     read: as for `stand_of`.
     """
+    check_kind(document)
     mission = validated(Mission, *document)
     values, place, line_of = document
     beyond = simulator.problems(mission, place, values, line_of)
