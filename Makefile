@@ -184,22 +184,28 @@ page-check:
 # The pages' generator in an environment of its own.
 SITE := .venv-site
 
-$(SITE)/.ready: website/site.lock
+$(SITE)/.ready: docs/website/site.lock
 	@echo "installing the site's generator into $(SITE): some seconds, once"
 	@$(PYTHON) -m venv $(SITE)
 	@$(SITE)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r $<
 	@touch $@
 
-build/site-wheels/.ready: website/browser.lock $(READY)
-	$(BIN)/python -m website.build --fetch
+build/site-wheels/.ready: docs/website/browser.lock $(READY)
+	$(BIN)/python -m docs.website.build --fetch
+	@touch $@
+
+# Beside the pages' folder, and not in it: what packages bring of Markdown is no page of ours.
+build/site-npm/.ready: $(addprefix docs/website/,package.json package-lock.json .npmrc)
+	mkdir -p $(@D)
+	cp $^ $(@D)
+	cd $(@D) && npm ci
 	@touch $@
 
 # What a site is built of, and comes over a network.
-site-parts: $(READY) $(SITE)/.ready build/site-wheels/.ready
-	cd website && npm ci
+site-parts: $(READY) $(SITE)/.ready build/site-wheels/.ready build/site-npm/.ready
 
 site: site-parts
-	$(BIN)/python -m website.build dist/site --zensical $(abspath $(SITE))/bin/zensical
+	$(BIN)/python -m docs.website.build dist/site --zensical $(abspath $(SITE))/bin/zensical
 
 site-check: site $(DEV_READY)
 	SITE=$(abspath dist/site) $(BIN)/python -m pytest tests/site
@@ -215,9 +221,9 @@ lock: $(DEV_READY)
 	$(COMPILE) pyproject.toml --extra survey companion/board/installer.in -c requirements.lock -o requirements-board.lock
 	$(COMPILE) pyproject.toml $(DEV_EXTRAS:%=--extra %) -c requirements.lock -o requirements-dev.lock
 	for simulator in $(OTHER_SIMULATORS); do $(COMPILE) tests/bench/other_simulators/$$simulator.in -o tests/bench/other_simulators/$$simulator.lock; done
-	$(COMPILE) website/site.in -o website/site.lock
-	$(BIN)/python -m website.build --lock
+	$(COMPILE) docs/website/site.in -o docs/website/site.lock
+	$(BIN)/python -m docs.website.build --lock
 	$(COMPILE) tests/mutants/mutmut.in -c requirements-dev.lock -o tests/mutants/mutmut.lock
 
 clean: pure
-	rm -rf $(VENV) .venv-other-simulators $(MUTANTS) $(SITE) $(WEB)/node_modules website/node_modules build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) .venv-other-simulators $(MUTANTS) $(SITE) $(WEB)/node_modules build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -1,5 +1,6 @@
 """The program `companion`; also `python -m companion`."""
 
+import os
 import signal
 import sys
 
@@ -12,9 +13,21 @@ def main() -> int:
     try:
         from companion import cli
 
-        return cli.main()
+        code = cli.main()
+        if not until_stopped and sys.stdout is not None:  # None: it was closed before
+            sys.stdout.flush()
+        return code
     except KeyboardInterrupt:  # before a flight nothing is open yet
         return 0 if until_stopped else 130
+    except OSError as error:  # of its output: a full disk or a closed pipe; commands tell of all else themselves
+        if until_stopped:
+            raise
+        from mission.common.exit_codes import EXIT_ENVIRONMENT
+
+        if not isinstance(error, BrokenPipeError):
+            print(f"companion: cannot write: {os.strerror(error.errno or 0)}", file=sys.stderr)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the interpreter flushes once more at its end
+        return EXIT_ENVIRONMENT
 
 
 if __name__ == "__main__":

@@ -34,7 +34,6 @@ def build_parser() -> argparse.ArgumentParser:
         description=help_texts.ABOUT,
         epilog=help_texts.EXAMPLE,
         formatter_class=raw,
-        allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"understory {__version__}, {STATE}")
     add_print_completion(parser, build_parser)
@@ -46,7 +45,6 @@ def build_parser() -> argparse.ArgumentParser:
         description=help_texts.RUN,
         epilog=help_texts.RUN_MORE,
         formatter_class=raw,
-        allow_abbrev=False,
     )
     run.add_argument(
         "--mission",
@@ -111,7 +109,6 @@ def _add_preflight(commands: argparse._SubParsersAction[argparse.ArgumentParser]
         description=help_texts.PREFLIGHT,
         epilog=help_texts.PREFLIGHT_MORE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
     preflight.add_argument("--mission", required=True, metavar="FILE", help="mission file (TOML) with an [origin]")
     preflight.add_argument("--id", required=True, type=_vehicle_id, metavar="K", help="this vehicle's number")
@@ -134,7 +131,6 @@ def _add_doctor(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
         description=help_texts.DOCTOR,
         epilog=help_texts.DOCTOR_MORE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
     doctor.add_argument("--autopilot", type=_url(AUTOPILOT_SCHEMES), metavar="URL", help="listen there for heartbeats")
     doctor.add_argument("--peers", type=_url(PEERS_SCHEMES), metavar="URL", help="listen there for other companions")
@@ -150,7 +146,6 @@ def _add_watch(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         description=help_texts.WATCH,
         epilog=help_texts.WATCH_MORE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
     watch.add_argument(
         "--peers", required=True, type=_url(PEERS_SCHEMES), metavar="URL", help="where the companions are heard"
@@ -186,7 +181,6 @@ def _add_lidar(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         description=help_texts.LIDAR,
         epilog=help_texts.LIDAR_MORE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
     lidar.add_argument("--model", required=True, choices=MODEL_NAMES, help="the lidar")
     lidar.add_argument(
@@ -253,7 +247,6 @@ def _add_base(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
         description=help_texts.BASE,
         epilog=help_texts.BASE_MORE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
     base.add_argument("mission", metavar="MISSION", help="mission file (TOML) with [survey]; the swarm's own")
     add_base_keys(base)
@@ -273,7 +266,6 @@ def _add_stand(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         description=help_texts.STAND,
         epilog=help_texts.STAND_MORE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
     stand.add_argument(
         "records", metavar="RECORDS", help="store of records (SQLite) of the vehicles or the base station"

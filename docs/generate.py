@@ -101,7 +101,7 @@ libraries; `wall_time_s` and `real_time_factor` depend on the machine.
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code 1 when `--check` finds a file out of date."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
     parser.add_argument("--check", action="store_true", help="compare with docs/reference/ instead of writing it")
     check = parser.parse_args(argv).check
     stale = False

@@ -11,6 +11,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Final, TextIO
 
+from companion.base.pace import Pace
 from companion.base.station import BaseStation
 from companion.keys.key_file import KeyFileError
 from companion.mavlink.peers.guard import SignedGuard
@@ -81,6 +82,7 @@ def base(arguments: argparse.Namespace) -> int:
 
 def serve(station: BaseStation, link: Link, stop: Stop, shown: Terminal) -> None:
     """Hear and answer until `stop` has a reason."""
+    pace = Pace()
     floods = FloodLog({"radio": link}, lambda _now_s, text, _is_over: shown.line(text))
     deadline_s = time.monotonic()
     while not stop.reason:
@@ -101,14 +103,16 @@ def serve(station: BaseStation, link: Link, stop: Stop, shown: Terminal) -> None
         for line in station.lines():
             shown.line(line)
         floods.update(now_s)
-        shown.progress(describe(station, now_s), now_s)
+        shown.progress(describe(station, pace, now_s), now_s)
 
 
-def describe(station: BaseStation, now_s: float) -> str:
-    """The progress, the stand so far, and who is near, in a line."""
+def describe(station: BaseStation, pace: Pace, now_s: float) -> str:
+    """The progress, the stand so far, how fast records arrive, and who is near, in a line."""
     near = station.in_range(now_s)
     vehicles = f"vehicles {', '.join(map(str, near))} in range" if near else "no vehicle in range"
-    return f"{station.text}, {vehicles}"
+    progress = station.progress
+    rate = pace.describe(progress.delivered, progress.made, now_s)
+    return f"{station.text}{rate}, {vehicles}"
 
 
 def gaps(station: BaseStation) -> list[str]:

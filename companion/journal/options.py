@@ -41,7 +41,6 @@ def add_replay_command(commands: argparse._SubParsersAction[argparse.ArgumentPar
         description=REPLAY,
         epilog=REPLAY_MORE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
     replay.add_argument("log", metavar="LOG", help="a folder of black boxes, or a segment of the flight")
     replay.add_argument(

@@ -104,4 +104,4 @@ def _add(
     commands: argparse._SubParsersAction[argparse.ArgumentParser], name: str, about: str, text: str, more: str
 ) -> argparse.ArgumentParser:
     raw = argparse.RawDescriptionHelpFormatter
-    return commands.add_parser(name, help=about, description=text, epilog=more, formatter_class=raw, allow_abbrev=False)
+    return commands.add_parser(name, help=about, description=text, epilog=more, formatter_class=raw)

@@ -134,7 +134,7 @@ class Received:
 
 def main() -> int:
     """Exit code 0 with a survey on stdout, or 3."""
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(allow_abbrev=False)
     parser.add_argument("--mission", required=True)
     parser.add_argument("--id", required=True, type=int)
     parser.add_argument("--autopilot", required=True)

@@ -15,7 +15,7 @@ from mission.document import simulator
 from mission.document.airtime import find_short_batteries
 from mission.document.barometer import find_lacking_room
 from mission.document.height_layers import APART_M, LIMIT_M, list_layers
-from mission.document.load import Document
+from mission.document.load import Document, check_kind
 from mission.document.model import Mission
 from mission.rules.payload_rules import records_hz, records_max_hz
 from mission.rules.survey_rules import cut_distances_m
@@ -47,6 +47,7 @@ def check_document(document: Document, path: str | os.PathLike[str], read: ReadS
 
     read: as for `stand_of`.
     """
+    check_kind(document)
     mission = validated(Mission, *document)
     values, place, line_of = document
     beyond = simulator.problems(mission, place, values, line_of)
@@ -173,13 +174,14 @@ def _lanes(mission: Mission, survey: Survey) -> Iterator[str]:
 def _check_stand(
     mission: Mission, document: Document, path: str | os.PathLike[str], read: ReadStems | None
 ) -> tuple[Stand | None, tuple[Problem, ...], list[str]]:
-    """Its stand; that its stem map is absent, which only the simulator reads; notes where its fence meets crowns.
+    """Its stand; that its stem map is absent, which only the simulator reads; notes where its fence meets crowns, and
+    where no tree is to be covered.
 
     MissionError for a map that is there and wrong, or that a mission for the simulator alone lacks.
     """
     if mission.forest.file is None and mission.forest.stand is None:
         return None, (), []
-    from mission.check.forest_notes import fence_notes
+    from mission.check.forest_notes import bare_notes, fence_notes
     from mission.stand.resolve import resolve_stand
 
     try:
@@ -188,4 +190,4 @@ def _check_stand(
         if mission.origin is None or (Path(path).parent / (mission.forest.file or "")).exists():
             raise
         return None, error.problems, []
-    return stand, (), list(fence_notes(stand, mission))
+    return stand, (), [*bare_notes(stand, mission), *fence_notes(stand, mission)]

@@ -26,12 +26,8 @@ def notes_of(stand: Stand, mission: Mission) -> Iterator[str]:
         yield "no [sensing]: companions do not know the boxes"
     if mission.sensing is None and stand.trees:
         yield "no [sensing]: companions know the trunks at d2 and the stops alone"
-    points_enu_m = mission.route.points_enu_m
-    names = ["d1", *(f"stops[{k}]" for k in range(len(mission.route.stops))), "d2"]
-    if mission.coverage.shape is CoverageShape.RING:
-        for name, pos_enu_m in zip(names[1:], points_enu_m[1:], strict=True):
-            if not stand.near(pos_enu_m[0], pos_enu_m[1], mission.coverage.keep_out_m):
-                yield f"no trunk stands within coverage.keep_out_m = {mission.coverage.keep_out_m:g} m of {name}"
+    points_enu_m, names = mission.route.points_enu_m, _names(mission)
+    yield from bare_notes(stand, mission)
     yield from fence_notes(stand, mission)
     yield from _ground_notes(stand, mission, names)
     between = "trunks and boxes" if stand.boxes else "trunks"
@@ -47,6 +43,23 @@ def notes_of(stand: Stand, mission: Mission) -> Iterator[str]:
             yield f"no way {way} is {needed_m:.2f} m wide between {between}{found}"
         elif width_m < 2.0 * CLEAR_MAX_M:
             yield f"the widest way {way} is about {width_m:.1f} m between {between} at its narrowest"
+
+
+def _names(mission: Mission) -> list[str]:
+    return ["d1", *(f"stops[{k}]" for k in range(len(mission.route.stops))), "d2"]
+
+
+def bare_notes(stand: Stand, mission: Mission) -> Iterator[str]:
+    """Places to cover, d2 among them, where no tree stands in the ring's middle."""
+    if mission.coverage.shape is not CoverageShape.RING:
+        return
+    keep_out_m = mission.coverage.keep_out_m
+    for name, (east_m, north_m, _) in zip(_names(mission)[1:], mission.route.points_enu_m[1:], strict=True):
+        if stand.near(east_m, north_m, keep_out_m):
+            continue
+        ways_m = [math.hypot(tree.east_m - east_m, tree.north_m - north_m) - tree.radius_m for tree in stand.trees]
+        nearest = f": the nearest is {min(ways_m):.1f} m away" if ways_m else ""
+        yield f"no trunk stands within coverage.keep_out_m = {keep_out_m:g} m of {name}{nearest}"
 
 
 def fence_notes(stand: Stand, mission: Mission) -> Iterator[str]:

@@ -27,7 +27,6 @@ def add_parser(commands: Any) -> None:
         help="plan a mission by clicking, in the browser",
         description=_ABOUT,
         epilog="exit codes: 0 ended by SIGINT or SIGTERM, 2 wrong usage or a file is refused, 3 the port cannot be had",
-        allow_abbrev=False,
     )
     parser.add_argument("file", metavar="FILE.toml", help="a mission file; where there is none yet, a new one is begun")
     parser.add_argument("--stems", metavar="FILE", help="begin a new mission in this stem map: .csv, .geojson or .gpkg")

@@ -47,7 +47,6 @@ def add_parser(commands: Any) -> None:
         help="make, import, check and draw stands of trees",
         description=_ABOUT,
         formatter_class=raw,
-        allow_abbrev=False,
     )
     inner = forest.add_subparsers(dest="forest", required=True, metavar="COMMAND")
 
@@ -56,7 +55,6 @@ def add_parser(commands: Any) -> None:
         help="generate a mission's stand, or one of keys, and write it as a stem map",
         description=_MAKE,
         formatter_class=raw,
-        allow_abbrev=False,
     )
     made.add_argument("keys", nargs="*", metavar="KEY=VALUE", help="a key of [forest.stand], as in a mission")
     made.add_argument("--out", required=True, metavar="FILE", help="where to: .csv, .geojson or .gpkg")
@@ -76,7 +74,6 @@ def add_parser(commands: Any) -> None:
         help="convert another program's stem map",
         description=_IMPORT,
         formatter_class=raw,
-        allow_abbrev=False,
     )
     imported.add_argument(
         "file", metavar="FILE", help="a stem map, .csv (.txt, .tsv), .geojson or .gpkg (at most 8 MiB and 20,000 trees)"
@@ -95,16 +92,14 @@ def add_parser(commands: Any) -> None:
     )
     _add_origin(imported, "that metres count from; left out: the median of the trees' places")
 
-    checked = inner.add_parser(
-        "check", help="print density, diameters and gaps", description=_CHECK, allow_abbrev=False
-    )
+    checked = inner.add_parser("check", help="print density, diameters and gaps", description=_CHECK)
     checked.add_argument(
         "files", nargs="+", metavar="FILE", help="a mission (.toml) or a stem map (.csv, .geojson, .gpkg)"
     )
     checked.add_argument("--mission", metavar="FILE", help="mission whose route is checked against the stem map")
     checked.add_argument("--json", action="store_true", help="print one JSON array, an object for each file")
 
-    drawn = inner.add_parser("draw", help="draw a plan of the stand", description=_DRAW, allow_abbrev=False)
+    drawn = inner.add_parser("draw", help="draw a plan of the stand", description=_DRAW)
     drawn.add_argument("file", metavar="FILE", help="a mission (.toml) or a stem map (.csv, .geojson, .gpkg)")
     drawn.add_argument("--mission", metavar="FILE", help="whose route and fence are drawn into a stem map")
     drawn.add_argument("--out", required=True, metavar="FILE.svg", help="where to")

@@ -75,7 +75,7 @@ _EXAMPLES = {
 def build_parser() -> argparse.ArgumentParser:
     """The command line; also read by the generator of the reference."""
     raw = argparse.RawDescriptionHelpFormatter
-    parser = Parser(prog="mission", description=_ABOUT, epilog=_EXAMPLE, formatter_class=raw, allow_abbrev=False)
+    parser = Parser(prog="mission", description=_ABOUT, epilog=_EXAMPLE, formatter_class=raw)
     parser.add_argument("--version", action="version", version=f"understory {__version__}, {STATE}")
     add_print_completion(parser, build_parser)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
@@ -86,7 +86,6 @@ def build_parser() -> argparse.ArgumentParser:
         description="Prints a line for each good file on stdout, and every problem of the others on stderr. "
         "A mission without [origin] must be one that the simulated vehicles can fly; one with it is told if it is not.",
         epilog="exit codes: 0 all are good, 2 at least one is not",
-        allow_abbrev=False,
     )
     check.add_argument("files", nargs="+", metavar="FILE", help="a mission file (TOML, at most 64 KiB)")
     check.add_argument("--json", action="store_true", help="print one JSON array, an object for each file")
@@ -96,7 +95,6 @@ def build_parser() -> argparse.ArgumentParser:
         help="print the JSON Schema of mission files, for editors",
         description=_SCHEMA,
         formatter_class=raw,
-        allow_abbrev=False,
     )
     edit.add_parser(commands)
     forest.add_parser(commands)

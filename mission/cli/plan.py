@@ -30,7 +30,6 @@ def add_parsers(commands: Any) -> None:
         help="make a mission of a .plan of QGroundControl",
         description=_IMPORT,
         formatter_class=raw,
-        allow_abbrev=False,
     )
     imported.add_argument("file", metavar="FILE.plan", help="the plan (at most 1 MiB)")
     imported.add_argument("--out", required=True, metavar="FILE.toml", help="where to")
@@ -42,7 +41,6 @@ def add_parsers(commands: Any) -> None:
         help="write a mission's route and fence as a .plan for QGroundControl",
         description=_EXPORT,
         formatter_class=raw,
-        allow_abbrev=False,
     )
     exported.add_argument("file", metavar="FILE.toml", help="a mission with an [origin]")
     exported.add_argument("--out", required=True, metavar="FILE.plan", help="where to")

@@ -23,10 +23,13 @@ class Formatter(argparse.HelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """A program's, and those of its commands: a command refuses what it does not know itself, with its own usage."""
+    """A program's, and those of its commands: a command refuses what it does not know itself, with its own usage.
+
+    An option is its whole name: what a script abbreviates would come to mean another with the next release.
+    """
 
     def __init__(self, *args: Any, **options: Any) -> None:
-        super().__init__(*args, **{"formatter_class": Formatter, **options})
+        super().__init__(*args, **{"formatter_class": Formatter, "allow_abbrev": False, **options})
         self._words: list[str] = []  # that it is given
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
@@ -57,6 +60,8 @@ def _nearest(word: str, known: Sequence[str]) -> str:
     from difflib import get_close_matches  # only for what is wrong
 
     near = get_close_matches(word, known, n=1, cutoff=CLOSE)
+    if not near and len(word) > len("--"):
+        near = [name for name in known if name.startswith(word)]
     return f"; did you mean {near[0]}?" if near else ""
 
 

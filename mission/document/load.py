@@ -35,6 +35,7 @@ __all__ = [
 ]
 
 MAX_FILE_BYTES = 64 * 1024
+OF_STUDIES = ("missions", "localise")  # keys that each study has one of
 STEM_SUFFIXES = (".csv", ".geojson", ".json", ".gpkg")
 MANY = 50  # tables of an array: more are written on a line each, or 700 trees would not fit into a file
 _TOML_PLACE = re.compile(r"(?s)(.*) \(at (?:line (\d+), column (\d+)|end of document)\)")
@@ -59,7 +60,15 @@ def load_with_source(path: str | os.PathLike[str]) -> tuple[Mission, bytes]:
     place = printable(os.fsdecode(path), MAX_PLACE_CHARS)
     _check_name(path, place)
     data = read_bytes(path, place, MAX_FILE_BYTES)
-    return validated(Mission, *_decode(data, place, path)), data
+    document = _decode(data, place, path)
+    check_kind(document)
+    return validated(Mission, *document), data
+
+
+def check_kind(document: Document) -> None:
+    """MissionError: it is a study, rather than that each of its keys is unknown."""
+    if "route" not in document.values and not document.values.keys().isdisjoint(OF_STUDIES):
+        raise refused(document.place, None, "is a study, and no mission: `sim-bridge study` flies it")
 
 
 def load_document(path: str | os.PathLike[str]) -> Document:

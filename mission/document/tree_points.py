@@ -29,11 +29,14 @@ def place_trees(
     MissionError where there is no such tree, or more than one. Values that are malformed are left to be refused.
     """
     route, forest = values.get("route"), values.get("forest")
-    if not isinstance(route, dict) or folder is None:
+    if not isinstance(route, dict):
         return
     wanted = {tree: point for tree, point in POINTS.items() if isinstance(route.get(tree), str) and point not in route}
     if not wanted:
         return
+    if folder is None:
+        message = "is a tree of a stem map, and this text is of no file beside which one could be"
+        raise MissionError([_problem(route, tree, lines, place, message) for tree in wanted])
     file = forest.get("file") if isinstance(forest, Mapping) else None
     if file is None:
         message = "is a tree of a stem map: the mission has no forest.file"

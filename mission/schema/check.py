@@ -21,7 +21,7 @@ from mission.common.problems import (
     printable,
     shown,
 )
-from mission.schema.conflict import Conflict, ConflictError
+from mission.schema.conflict import TREES, Conflict, ConflictError, path_of
 from mission.schema.json_schema import Node, allowed, json_schema, node_at, resolved
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -53,7 +53,7 @@ def validated(model: type[Model], values: Mapping[str, Any], place: str, line_of
     faults = {
         _blamed(detail): detail
         for detail in reversed(details)
-        if not _is_conflict(detail) and not _is_echo(detail, values)
+        if not _is_conflict(detail) and not _is_echo(detail, values, details)
     }
     if faults:
         conflicts = _conflicts_beside(model, schema, tame, list(faults))
@@ -107,8 +107,15 @@ def _is_conflict(detail: ErrorDetails) -> bool:
     return isinstance(detail.get("ctx", {}).get("error"), ConflictError)
 
 
-def _is_echo(detail: ErrorDetails, values: Mapping[str, Any]) -> bool:
-    """True if an array is too short only as pydantic counts it: without the items refused by themselves."""
+def _is_echo(detail: ErrorDetails, values: Mapping[str, Any], details: list[ErrorDetails]) -> bool:
+    """True if another fault is what is wrong.
+
+    An array is too short only as pydantic counts it: without the items refused by themselves. A point of the route is
+    missing only as its tree, or the stem map, is refused.
+    """
+    tree = TREES.get(".".join(map(str, detail["loc"])))
+    if detail["type"] == "missing" and tree is not None:
+        return any(tuple(other["loc"][:2]) in (path_of(tree), ("forest", "file")) for other in details)
     if detail["type"] != "too_short":
         return False
     array = lookup(values, tuple(detail["loc"]))

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from mission.common.problems import Path, dotted, shown
 from mission.schema.fields import Table
+
+TREES: Final = {"route.d1_enu_m": "route.d1_tree", "route.d2_enu_m": "route.d2_tree"}
+"""Key of a point: that of the tree of a stem map which may be written instead."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,16 +51,27 @@ def value_of(mission: Table, key: str) -> Any:
     return found
 
 
+def _written_key(mission: Table, key: str) -> str:
+    """The key that says it: where a mission names the tree at a point, the tree's."""
+    tree = TREES.get(key)
+    return key if tree is None or value_of(mission, tree) is None else tree
+
+
 def show_key(mission: Table, key: str) -> str:
-    """`radio.full_range_m = 55.0`"""
-    return f"{dotted(path_of(key))} = {shown(value_of(mission, key))}"
+    """`radio.full_range_m = 55.0`; `route.d2_tree = "A-17" at [60.0, 4.5, 8.0]`"""
+    written = _written_key(mission, key)
+    where = "" if written == key else f" at {shown(value_of(mission, key))}"
+    return f"{dotted(path_of(written))} = {shown(value_of(mission, written))}{where}"
 
 
 def conflict(mission: Table, keys: Sequence[str], requirement: str) -> Conflict:
     """`requirement`, then the other keys and their values."""
-    others = ", ".join(show_key(mission, key) for key in keys[1:])
+    blamed = _written_key(mission, keys[0])
+    where = [] if blamed == keys[0] else [f"the tree is at {shown(value_of(mission, keys[0]))}"]
+    others = ", ".join([*where, *(show_key(mission, key) for key in keys[1:])])
     message = f"{requirement} ({others})" if others else requirement
-    return Conflict(tuple(map(path_of, keys)), shown(value_of(mission, keys[0])), message)
+    paths = [blamed, *(key for key in keys if key != blamed)]
+    return Conflict(tuple(map(path_of, paths)), shown(value_of(mission, blamed)), message)
 
 
 def order(mission: Table, low: str, high: str, *, equal: bool = False) -> Iterator[Conflict]:

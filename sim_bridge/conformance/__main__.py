@@ -9,6 +9,6 @@ from sim_bridge.conformance import __doc__ as purpose
 from sim_bridge.conformance import run
 from sim_bridge.options.conformance import configure
 
-parser = argparse.ArgumentParser(prog="python -m sim_bridge.conformance", description=purpose)
+parser = argparse.ArgumentParser(prog="python -m sim_bridge.conformance", description=purpose, allow_abbrev=False)
 configure(parser)
 sys.exit(run(parser.parse_args()))

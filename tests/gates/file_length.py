@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-SOURCES = ("mission", "companion", "sim_bridge", "website", "docs", "tests")
+SOURCES = ("mission", "companion", "sim_bridge", "docs", "tests")
 LINES_MAX = 400
 
 # Longer, with the reason.

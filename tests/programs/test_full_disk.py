@@ -102,5 +102,5 @@ def test_a_page_that_cannot_be_written_costs_no_verdict(
     progress = Progress(io.StringIO())
     assert present(outcome, tmp_path, write_page(outcome, tmp_path, "title", progress), as_json=False) == 3
     out, err = capsys.readouterr()
-    assert out.splitlines()[-1].startswith("ARRIVED: arrival of all ")
+    assert out.splitlines()[-1].startswith("ARRIVED: departure to arrival of all ")
     assert err == f"sim-bridge: {tmp_path}/report.html: cannot be written: No space left on device\n"

@@ -128,6 +128,23 @@ def test_a_reader_of_the_completion_that_has_enough_ends_it_quietly(program: str
     assert (done.returncode, done.stderr) == (3, f"{program}: {said}\n" if said else "")
 
 
+@pytest.mark.parametrize(("reader", "said"), [("pipe", ""), ("/dev/full", "cannot write: No space left on device")])
+def test_a_report_of_the_companion_that_cannot_be_written_is_told_without_a_traceback(reader: str, said: str) -> None:
+    if reader == "pipe":
+        ours, theirs = os.pipe()
+        os.close(ours)
+    else:
+        theirs = os.open(reader, os.O_WRONLY)
+    command = [sys.executable, "-m", "companion", "doctor"]
+    try:
+        done = subprocess.run(command, stdout=theirs, stderr=subprocess.PIPE, text=True, check=False)
+    finally:
+        os.close(theirs)
+    assert (done.returncode, done.stderr) == (3, f"companion: {said}\n" if said else "")
+    closed = subprocess.run(["sh", "-c", '"$@" >&-', "sh", *command], stderr=subprocess.PIPE, text=True, check=False)
+    assert "Traceback" not in closed.stderr
+
+
 def test_another_shell_is_refused_by_name() -> None:
     command = [sys.executable, "-m", "mission.cli.main", "--print-completion", "tcsh"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

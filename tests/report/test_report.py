@@ -57,7 +57,7 @@ def test_it_prints_the_figures_and_writes_the_page(tmp_path: Path, capsys: pytes
     save_flight(tmp_path)
     (tmp_path / "mission.toml").write_text(dump_mission(MISSION), encoding="utf-8")
     assert report.run(parsed(str(tmp_path))) == 0
-    assert f"  {'arrival of all, s':<{NAME_CHARS}} 25\n" in capsys.readouterr().out
+    assert f"  {'departure to arrival of all, s':<{NAME_CHARS}} 25\n" in capsys.readouterr().out
     assert (tmp_path / "report.html").is_file()
     assert report.run(parsed(str(tmp_path), "--json")) == 0
     figures = json.loads(capsys.readouterr().out)

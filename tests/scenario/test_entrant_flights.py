@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from tests.study.study_kit import here, study_file
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "docs" / "examples" / "velocity_obstacles.py"
+HOW_TO = ROOT / "docs" / "how-to" / "fly-your-own-law.md"
 AGENTS = """\
 schema = 1
 missions = ["mission.toml"]
@@ -48,6 +50,30 @@ def test_the_example_flies_a_mission_and_the_same_again(tmp_path: Path) -> None:
     kept = json.loads((tmp_path / "first" / run_folder.METRICS_NAME).read_text(encoding="utf-8"))
     assert (kept["law"], kept["law_sha256"]) == ("velocity_obstacles", find_law(str(EXAMPLE)).sha256)
     assert not {"law", "law_sha256", "safety_filter"} & ours.summary.keys()
+
+
+@pytest.mark.parametrize(
+    ("cover", "verdict"),
+    [
+        (None, "ARRIVED (law my_law"),
+        ("    return (0.0, 0.0, 0.0)\n", "INCOMPLETE: coverage not formed: "),
+        ("", "ARRIVED (law my_law"),
+    ],
+)
+def test_the_law_of_the_how_to_forms_the_ring_and_one_that_stays_does_not(
+    tmp_path: Path, cover: str | None, verdict: str
+) -> None:
+    """`cover`: what it does instead; empty: there is none."""
+    (law,) = re.findall(r"^```python\n(.*?^def start.*?)^```$", HOW_TO.read_text(encoding="utf-8"), re.M | re.S)[:1]
+    if cover is not None:
+        law, head, _ = re.split(r"(^def cover.*\n)", law, flags=re.M)
+        law += cover and head + cover
+    (tmp_path / "my_law.py").write_text(law, encoding="utf-8")
+    mission = short_mission(swarm={"size": 4})
+    outcome, _ = flown(mission, tmp_path / "run", entrant=Entrant(find_law("my_law.py", tmp_path)))
+    assert outcome.summary["verdict"].startswith(verdict)
+    if cover is None:
+        assert f"(law my_law, sha256 {outcome.summary['law_sha256'][:12]})" in HOW_TO.read_text(encoding="utf-8")
 
 
 def test_a_report_made_anew_still_says_whose_law_it_was(tmp_path: Path) -> None:

@@ -23,10 +23,10 @@ from typing import Any, Final
 
 import pytest
 
+from docs.website.browser import STARTED, modules
+from docs.website.native import musl
 from tests.report import browser_kit
 from tests.report.browser_kit import SOFTWARE, Browser
-from website.browser import STARTED, modules
-from website.native import musl
 
 ROOT = Path(__file__).parents[2]
 SITE = Path(os.environ.get("SITE") or "/nonexistent")
@@ -113,7 +113,7 @@ def test_the_sources_in_the_page_are_those_of_the_checkout() -> None:
             name = file.relative_to(ROOT).as_posix()
             assert archive.read(name) == file.read_bytes(), f"{name}: the site is of other sources: make site"
             names.discard(name)
-    assert STARTED == "website.world.here"
+    assert STARTED == "docs.website.world.here"
     assert {name.partition("/")[0] for name in names} == {"numpy", "fastcrc", "cryptography"}
 
 
@@ -138,7 +138,7 @@ def test_a_leader_is_killed_by_a_click_and_the_trace_is_the_native_one(browser: 
     command, trace = str(browser.run(COMMAND)).split("|")
     assert browser.console() == []
     words = shlex.split(command)
-    assert words[:3] == ["python", "-m", "website.native"]
+    assert words[:3] == ["python", "-m", "docs.website.native"]
     assert any(word.endswith(":1") for word in words)
     assert "--musl" in words
     if reason := musl.why_not():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -238,6 +239,7 @@ def a_row(seed: int, grade: str, *causes: str, run: str = "open", asked: tuple[s
         "causes": list(causes),
         "verdict": f"{grade}: why",
     }
+    found["sim_time_s"] = 40.0 + 10.0 * seed
     return found | {"asked": list(asked), "faults": dict(Counter(asked[:1]))}
 
 
@@ -250,13 +252,15 @@ def test_the_tables_of_a_campaign() -> None:
     ]  # those of earlier versions name no attacker
     assert [row["seed"] for row in summary.failures(rows)] == [3, 2]
     text = summary.markdown(rows)
-    assert "| all: 4 | 1 (25.0 %) | 1 (25.0 %) | 1 (25.0 %) | 1 (25.0 %) |" in text
+    assert "| all: 4 | 1 (25.0 %) | 1 (25.0 %) | 1 (25.0 %) | 1 (25.0 %) | 65 (80) |" in text
     assert "| insider: 1 | 0 (0.0 %) | 1 (100.0 %) |" in text
     assert "| no attacker: 3 | 1 (33.3 %) |" in text
     assert "| trees: 1 | 0 (0.0 %) | 0 (0.0 %) | 0 (0.0 %) | 1 (100.0 %) |" in text
     assert "| not arrived | some never came to d2 | 0 | 1 | 1 | 2 |" in text
     assert "| late | 1 | 0 |" in text
-    assert "| 3 | 5 | UNSAFE: why |" in text
+    assert "| 3 | 5 | 70.0 | UNSAFE: why |" in text
+    del rows[2]["sim_time_s"]  # it never came to an end
+    assert "| 3 | 5 | - | UNSAFE: why |" in summary.markdown(rows)
 
 
 def test_a_campaign_goes_on_where_it_ended_and_keeps_missions(
@@ -274,7 +278,8 @@ def test_a_campaign_goes_on_where_it_ended_and_keeps_missions(
     assert cli.main([*command, "--flights", "2"]) == 1
     shown = capsys.readouterr()
     assert "2 flights, 1 to look into" in shown.out
-    assert "seed 8: INCOMPLETE: not all arrived" in shown.err
+    assert "seed 8, after 20.0 s: INCOMPLETE: not all arrived" in shown.err
+    assert re.search(r"^\| 8 \| 2 \| 20\.0 \| INCOMPLETE: not all arrived", shown.out, re.MULTILINE)
     assert "sim-bridge search --backend point-mass --seed 8 --flights 1" in shown.err
     rows = [json.loads(line) for line in (tmp_path / "rows.jsonl").read_text().splitlines()]
     assert {row["seed"]: row["grade"] for row in rows} == {7: "ARRIVED", 8: "INCOMPLETE"}
@@ -284,7 +289,9 @@ def test_a_campaign_goes_on_where_it_ended_and_keeps_missions(
     assert (tmp_path / "summary.md").read_text().startswith("| flights |")
     monkeypatch.setattr(flight, "fly_to_row", None)  # nothing is flown again
     assert cli.main([*command, "--flights", "2", "--json"]) == 1
-    assert [row["seed"] for row in json.loads(capsys.readouterr().out)] == [7, 8]
+    told = json.loads(capsys.readouterr().out)
+    assert [row["seed"] for row in told] == [7, 8]
+    assert [row["sim_time_s"] for row in told] == [row["sim_time_s"] for row in rows]
     monkeypatch.setattr(shrink, "fly_to_row", lambda *_, **__: {"causes": []})
     assert cli.main([*command, "--flights", "2", "--shrink", "1"]) == 1
     assert load_mission(tmp_path / "8.toml") == load_mission(tmp_path / "8-shrunk.toml")

@@ -81,6 +81,12 @@ def test_a_bad_study_is_refused_with_its_place(change: tuple[str, str], told: st
         study(tmp_path, STUDY.replace(*change))
 
 
+def test_a_mission_in_the_place_of_a_study_is_told_so(tmp_path: Path) -> None:
+    (tmp_path / "mission.toml").write_text(MISSION, encoding="utf-8")
+    with pytest.raises(MissionError, match=r"mission\.toml: is a mission, and no study: `sim-bridge fly` flies it"):
+        load_study(tmp_path / "mission.toml")
+
+
 def test_what_a_run_sets_is_not_crossed_by_the_study(tmp_path: Path) -> None:
     text = STUDY + 'set = { swarm.size = 8 }\n[[run]]\nname = "crossed"\n'
     found = {(c.run, c.mission.swarm.size, c.settings["swarm.size"]) for c in study(tmp_path, text).cases}

@@ -14,7 +14,7 @@ ROOT = Path(companion.__path__[0]).parent
 
 def main() -> int:
     """Exit code 1 when `--check` finds a file out of date."""
-    parser = argparse.ArgumentParser(prog="python -m companion.mavlink.schema", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m companion.mavlink.schema", description=__doc__, allow_abbrev=False)
     parser.add_argument("--check", action="store_true", help="compare with the files instead of writing them")
     check = parser.parse_args().check
     stale = 0

@@ -78,7 +78,7 @@ def find_law(module: str, folder: Path = Path()) -> LawFile:
         return LawFile(path.stem, module, path, _digest(path, module))
     try:
         installed = find_installed(module)
-        path = _module_file(module) if installed is None else installed.find_file()
+        path = _module_file(module, folder) if installed is None else installed.find_file()
     except EntryPointError as error:
         raise LawError(f"law {printable(str(error), TITLE_MAX_CHARS)}") from None
     if installed is not None:
@@ -86,16 +86,22 @@ def find_law(module: str, folder: Path = Path()) -> LawFile:
     return LawFile(module.rpartition(".")[2], module, path, _digest(path, module))
 
 
-def _module_file(module: str) -> Path:
-    try:
-        spec = importlib.util.find_spec(module)
-    except (ImportError, ValueError) as error:
-        raise LawError(f"law {printable(module)}: {error}") from None
+def _module_file(module: str, folder: Path) -> Path:
+    spec = None
+    if not module.startswith("."):  # nothing here to be relative to
+        try:
+            spec = importlib.util.find_spec(module)
+        except ModuleNotFoundError as error:
+            if error.name is None or not module.startswith(error.name):  # a package around it lacks something
+                raise LawError(f"law {printable(module)}: {error}") from None
+        except (ImportError, ValueError) as error:
+            raise LawError(f"law {printable(module)}: {error}") from None
     if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
         named = ", ".join(installed_names())
         known = f"the name of an installed law ({named})" if named else "the name of an installed law (there is none)"
+        what = "is no Python module" if (folder / module).exists() else "no such module"
         must = f"must be a .py file, {known}, or a module that can be imported"
-        raise LawError(f"law {printable(module)}: no such module: {must}")
+        raise LawError(f"law {printable(module)}: {what}: {must}")
     return Path(spec.origin)
 
 

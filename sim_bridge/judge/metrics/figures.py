@@ -143,17 +143,18 @@ FIGURES: Final[tuple[Figure, ...]] = (
     Figure(
         "arrival_leader_s",
         "s",
-        "From departure until an acting leader, whichever it is then, is first within route.arrival_distance_m of d2.",
+        "Time from departure until an acting leader, whichever it is then, is first within route.arrival_distance_m of "
+        "d2.",
         better=LESS,
-        title="arrival of the leader",
+        title="departure to arrival of the leader",
         in_table=True,
     ),
     Figure(
         "arrival_last_s",
         "s",
-        "From departure until the swarm is first gathered, not before the arrival of the leader.",
+        "Time from departure until the swarm is first gathered, not before the arrival of the leader.",
         better=LESS,
-        title="arrival of all",
+        title="departure to arrival of all",
         on_page=True,
     ),
     Figure(

@@ -27,7 +27,7 @@ def limits(metrics: Metrics, mission: Mission) -> list[Limit]:
     """In the order in which a reader asks."""
     found = [
         Limit(
-            "arrival of all",
+            "departure to arrival of all",
             "never" if metrics.arrival_last_s is None else f"{metrics.arrival_last_s:.1f} s",
             "all vehicles at d2",
             metrics.arrived,

@@ -23,7 +23,9 @@ Rule = Callable[[khopca.Ints, Bools, int], khopca.Ints]
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Prints a Markdown table: shares, each with its exact 95 % interval and of how many graphs."""
-    parser = argparse.ArgumentParser(prog="python -m sim_bridge.lab.paper.elections", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m sim_bridge.lab.paper.elections", description=__doc__, allow_abbrev=False
+    )
     parser.add_argument("--graphs", type=int, default=40, metavar="N", help="for each n (default: %(default)s)")
     low = khopca.LEADER_ID + 1
     parser.add_argument(

@@ -50,7 +50,9 @@ WITHIN = 0.08  # of the paper's means: what the reading has to reach
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code 0: all flown, and paper mode within 8 % of the paper."""
-    parser = argparse.ArgumentParser(prog="python -m sim_bridge.lab.paper.table1", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m sim_bridge.lab.paper.table1", description=__doc__, allow_abbrev=False
+    )
     parser.add_argument("--out", type=Path, default=Path("runs/table1"), metavar="DIR", help="rows and summary")
     parser.add_argument("--docs", type=Path, metavar="DIR", help="also put the table and the pictures there")
     parser.add_argument("--again", action="store_true", help="forget the flights that --out holds already")

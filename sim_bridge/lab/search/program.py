@@ -27,7 +27,7 @@ from sim_bridge.lab.search import summary
 from sim_bridge.lab.search.attackers import ATTACKED_SHARE
 from sim_bridge.lab.search.draw import VERSION, draw
 from sim_bridge.lab.search.flight import SearchCase, fly_cases
-from sim_bridge.lab.search.shrink import shrink
+from sim_bridge.lab.search.shrink import MOST_FLIGHTS, shrink
 from sim_bridge.lab.study import engine
 from sim_bridge.lab.study.case import Backend, Case
 from sim_bridge.lab.study.jobs import worker_count
@@ -37,6 +37,7 @@ from sim_bridge.lab.study.results import page
 BACKENDS = {"jsbsim": Backend.JSBSIM, "point-mass": Backend.AGENTS}
 ROUND = 32  # flights that are drawn at once, where a time is given
 SUMMARY = "summary.md"
+SHOWN = ("seed", "n", "sim_time_s", "grade", "causes", "verdict")  # of each flight, as JSON
 
 
 def run(args: argparse.Namespace) -> int:
@@ -61,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     (folder / SUMMARY).write_text(summary.markdown(rows), encoding="utf-8")
     page.write(folder, [row for row in rows if "sim_time_s" in row], [], "search")
     if args.json:
-        print(json.dumps([{key: row.get(key) for key in ("seed", "n", "grade", "causes", "verdict")} for row in rows]))
+        print(json.dumps([{key: row.get(key) for key in SHOWN} for row in rows]))
     else:
         print(summary.markdown(rows))
         print(f"{len(rows)} flights, {len(failed)} to look into: {folder}")
@@ -80,7 +81,8 @@ def _campaign(args: argparse.Namespace, entrant: Entrant, folder: Path, errors: 
         def progress() -> str:
             elapsed_s = time.monotonic() - began_s
             share = done / (total - len(found) + done) if total else elapsed_s / (3600.0 * args.hours)
-            return f"search: {len(found)} flights{describe_pace(done, min(share, 1.0), elapsed_s)}"
+            flights = f"{len(found)} of {total}" if total else f"{len(found)}"
+            return f"search: {flights} flights{describe_pace(done, min(share, 1.0), elapsed_s)}"
 
         stack.enter_context(plain.working(progress))
 
@@ -89,8 +91,9 @@ def _campaign(args: argparse.Namespace, entrant: Entrant, folder: Path, errors: 
             done += 1
             found[case.key] = row
             if row.get("grade") in (Grade.UNSAFE, Grade.INCOMPLETE) or row["status"] != "flown":
+                after = f", after {summary.time_of(row)} s" if "sim_time_s" in row else ""
                 errors.print(
-                    f"seed {case.seed}: {row.get('verdict') or row['error']}\n  {_replay(args, case.seed)}",
+                    f"seed {case.seed}{after}: {row.get('verdict') or row['error']}\n  {_replay(args, case.seed)}",
                     soft_wrap=True,
                     highlight=False,
                     markup=False,
@@ -141,14 +144,26 @@ def _shrink(row: engine.Row, args: argparse.Namespace, entrant: Entrant, folder:
 
     errors.print(f"shrinking seed {row['seed']}: {row['causes'][0]}", highlight=False)
     on_jsbsim = args.backend == "jsbsim"
-    small, signed = shrink(
-        drawn.mission,
-        row["causes"][0],
-        on_jsbsim=on_jsbsim,
-        entrant=entrant,
-        signed=drawn.signed,
-        report_progress=print_progress,
-    )
+    flown, began_s = 0, time.monotonic()
+
+    def count() -> None:
+        nonlocal flown
+        flown += 1
+
+    def progress() -> str:
+        pace = describe_pace(flown, flown / MOST_FLIGHTS, time.monotonic() - began_s)
+        return f"shrinking seed {row['seed']}: {flown} of at most {MOST_FLIGHTS} flights{pace}"
+
+    with Signs(errors.file).working(progress):
+        small, signed = shrink(
+            drawn.mission,
+            row["causes"][0],
+            on_jsbsim=on_jsbsim,
+            entrant=entrant,
+            signed=drawn.signed,
+            report_progress=print_progress,
+            note_flight=count,
+        )
     _write(folder / f"{row['seed']}.toml", drawn.mission, signed=drawn.signed)
     _write(folder / f"{row['seed']}-shrunk.toml", small, signed=signed)
 

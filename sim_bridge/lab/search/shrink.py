@@ -19,6 +19,7 @@ from sim_bridge.lab.search.flight import fly_to_row
 
 Tables = dict[str, Any]
 
+MOST_FLIGHTS: Final = 60
 PLAIN_LIE: Final = Lie.OFFSET.value
 PLAIN_SPOOF: Final = FaultKind.POSITION_FREEZE  # it has no numbers
 LONG_S: Final = 40.0  # of a fault that had no end
@@ -45,12 +46,16 @@ def shrink(
     cause: str,
     *,
     on_jsbsim: bool,
-    most_flights: int = 60,
+    most_flights: int = MOST_FLIGHTS,
     entrant: Entrant = BY_OURS,
     signed: bool = False,
     report_progress: Callable[[str], None] = lambda _: None,
+    note_flight: Callable[[], None] = lambda: None,
 ) -> tuple[Mission, bool]:
-    """The smallest that was found within `most_flights`, and still fails by `cause` first; whether it is signed."""
+    """The smallest that was found within `most_flights`, and still fails by `cause` first; whether it is signed.
+
+    report_progress: is told of each that is smaller. note_flight: is called after each flight.
+    """
     left = most_flights
     changed = True
     while changed and left > 0:
@@ -60,6 +65,7 @@ def shrink(
                 break
             left -= 1
             row = fly_to_row(smaller, on_jsbsim=on_jsbsim, entrant=entrant, signed=with_keys)
+            note_flight()
             if row["causes"][:1] == [cause]:
                 report_progress(f"{what}: still {row['verdict']}")
                 mission, signed, changed = smaller, with_keys, True

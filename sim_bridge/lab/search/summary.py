@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -38,11 +39,12 @@ def markdown(rows: Sequence[Row]) -> str:
 
 
 def _grades(rows: Sequence[Row]) -> Iterator[str]:
-    yield "| flights | " + " | ".join(grade.value for grade in Grade) + " |"
-    yield "|---|" + "---|" * len(Grade)
+    yield "| flights | " + " | ".join(grade.value for grade in Grade) + " | simulated time, median (longest), s |"
+    yield "|---|" + "---|" * (len(Grade) + 1)
     for name, group in _groups(rows):
         counts = Counter(row.get("grade") for row in group)
-        yield f"| {name}: {len(group)} | " + " | ".join(_share(counts[grade], len(group)) for grade in Grade) + " |"
+        shares = " | ".join(_share(counts[grade], len(group)) for grade in Grade)
+        yield f"| {name}: {len(group)} | {shares} | {_times(group)} |"
 
 
 def _groups(rows: Sequence[Row]) -> Iterator[tuple[str, list[Row]]]:
@@ -58,6 +60,16 @@ def _groups(rows: Sequence[Row]) -> Iterator[tuple[str, list[Row]]]:
 
 def _share(count: int, of: int) -> str:
     return f"{count} ({100.0 * count / of:.1f} %)" if of else "0"
+
+
+def _times(rows: Sequence[Row]) -> str:
+    times_s = [row["sim_time_s"] for row in rows if "sim_time_s" in row]
+    return f"{statistics.median(times_s):.0f} ({max(times_s):.0f})" if times_s else "-"
+
+
+def time_of(row: Row) -> str:
+    """Simulated time of a flight, s; a dash where it never came to an end."""
+    return f"{row['sim_time_s']:.1f}" if "sim_time_s" in row else "-"
 
 
 def _causes(rows: Sequence[Row]) -> Iterator[str]:
@@ -85,7 +97,7 @@ def _faults(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def _failures(rows: Sequence[Row]) -> Iterator[str]:
-    yield "| seed | vehicles | verdict |"
-    yield "|---|---|---|"
+    yield "| seed | vehicles | simulated time, s | verdict |"
+    yield "|---|---|---|---|"
     for row in failures(rows):
-        yield f"| {row['seed']} | {row['n']} | {row['verdict']} |"
+        yield f"| {row['seed']} | {row['n']} | {time_of(row)} | {row['verdict']} |"

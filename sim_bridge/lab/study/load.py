@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from mission.common.files import refused
 from mission.document.load import load_document
 from mission.schema.check import validated
 from sim_bridge.lab.study.case import Case, LoadedStudy
@@ -21,6 +22,9 @@ def load_study(path: str | os.PathLike[str], *, most_seeds: int | None = None) -
     `most_seeds`: of each case at most so many, the first ones.
     """
     values, place, line_of = load_document(path)
+    if "route" in values:  # rather than that each of its keys is unknown
+        told = 'is a mission, and no study: `sim-bridge fly` flies it, and a study names it: missions = ["FILE"]'
+        raise refused(place, None, told)
     study: AnyStudy
     cases: tuple[Case, ...]
     if KIND in values:

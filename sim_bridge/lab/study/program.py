@@ -60,12 +60,16 @@ def run(args: argparse.Namespace) -> int:
     if args.replay:
         by_key = {case.key: case for case in study.cases}
         again = replays.fly_worst(by_key, rows, folder, args.replay)
+        began_s, count = time.monotonic(), 0
         while True:
-            with Signs(sys.stderr) as signs, signs.working("flying one of the worst again"):
+            pace = describe_pace(count, count / args.replay, time.monotonic() - began_s)
+            what = f"flying the worst again: {count} of at most {args.replay} are flown{pace}"
+            with Signs(sys.stderr) as signs, signs.working(what):
                 flown = next(again, None)
             if flown is None:
                 break
             case, note = flown
+            count += 1
             errors.print(f"replayed: {case.run}, seed {case.seed}{note and ': ' + note}", highlight=False)
     with Signs(sys.stderr) as signs, signs.working("writing the report"):
         report = page.write(folder, rows, [v.as_dict() for v in verdicts], study.study.name or args.study.stem)

@@ -24,7 +24,7 @@ FRAME = LocalFrame(Wgs84(45.0, 9.0, 0.0))
 
 def main(argv: list[str] | None = None) -> int:
     """Measure and print; the exit code."""
-    parser = argparse.ArgumentParser(prog="sim_bridge.world.airframe.bench", description=__doc__)
+    parser = argparse.ArgumentParser(prog="sim_bridge.world.airframe.bench", description=__doc__, allow_abbrev=False)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--rate-hz", type=int, choices=RATES_HZ, default=RATES_HZ[0])
     args = parser.parse_args(argv)

@@ -33,7 +33,7 @@ FRAME: Final = bytes(48)  # about as long as a beacon
 
 def main(argv: list[str] | None = None) -> int:
     """Measure and print; the exit code."""
-    parser = argparse.ArgumentParser(prog="sim_bridge.world.sensors.bench", description=__doc__)
+    parser = argparse.ArgumentParser(prog="sim_bridge.world.sensors.bench", description=__doc__, allow_abbrev=False)
     parser.add_argument("--seed", type=int, default=1, help="of the stands and the places")
     args = parser.parse_args(argv)
     print(f"{VEHICLES} vehicles {APART_M:g} m apart, seed {args.seed}; CPU time, us, median of {REPETITIONS}")

@@ -10,16 +10,16 @@ from typing import Any
 
 import pytest
 
+from docs.website.native.__main__ import flown as flown_natively
+from docs.website.world.feed import Feed
+from docs.website.world.flight import PageFlight
+from docs.website.world.here import CONTROLS, Here
+from docs.website.world.settings import SETTINGS, Settings
 from mission.common.problems import MissionError
 from mission.document.load import dump_mission
 from sim_bridge.judge.live.feed import Feed as LiveFeed
 from sim_bridge.judge.recording import Recorder
 from tests.flights import flown
-from website.native.__main__ import flown as flown_natively
-from website.world.feed import Feed
-from website.world.flight import PageFlight
-from website.world.here import CONTROLS, Here
-from website.world.settings import SETTINGS, Settings
 
 OPEN = {"size": 3, "range_m": 25, "density_per_ha": 0, "seed": 2, "loss": 0.2}
 AMONG_TREES = {"size": 3, "range_m": 30, "density_per_ha": 200, "seed": 3}
@@ -106,7 +106,7 @@ def fly_on(monkeypatch: pytest.MonkeyPatch) -> Callable[[Here, int], list[dict[s
         now[0] += 0.01
         return now[0]
 
-    monkeypatch.setattr("website.world.here.time.monotonic", clock)
+    monkeypatch.setattr("docs.website.world.here.time.monotonic", clock)
 
     def turns(here: Here, count: int) -> list[dict[str, Any]]:
         return [json.loads(here.turn(0.05)) for _ in range(count)]

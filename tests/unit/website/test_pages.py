@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from website import pages
-from website.browser import modules
+from docs.website import pages
+from docs.website.browser import NPM, modules
 
 ROOT = Path(__file__).parents[3]
 
@@ -34,6 +34,11 @@ def test_every_page_is_in_the_navigation_once() -> None:
         for page in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
     }
     assert sorted([*found, "docs/paper/table1.md"]) == sorted(wanted)  # which the page of the paper links
+
+
+def test_packages_of_npm_are_no_pages() -> None:
+    assert not NPM.is_relative_to(ROOT / "docs")
+    assert not list((ROOT / "docs").rglob("node_modules"))
 
 
 def test_linked_files_are_beside_the_pages(tmp_path: Path) -> None:

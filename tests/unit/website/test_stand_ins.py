@@ -15,9 +15,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from website.native.musl import COMPENSATED, compensated
+from docs.website.native.musl import COMPENSATED, compensated
 
-STAND_INS = Path(__file__).parents[3] / "website" / "stand_ins"
+STAND_INS = Path(__file__).parents[3] / "docs" / "website" / "stand_ins"
 SEEDS = [[1, 0x5AD10], [0, 5], [2**40 + 3, 7, 9], [1, 2, 3, 4, 5, 6], 12]
 
 

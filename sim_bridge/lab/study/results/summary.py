@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import statistics
+import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,9 @@ from sim_bridge.lab.study.results.figures import BY_NAME, CONFIDENCE, figures_of
 
 SIZE = "swarm.size"
 UNLIMITED = 10_000  # characters
+FILE_WIDTH = 100  # characters, of what is no terminal and says no width
+NAME_WIDTH = 18  # characters of a run or a case, where there is not room for all figures beside each other
+HEADING_WIDTH = 20  # characters of a line: as wide as "43.86 ± 0.92 (44.23)"
 
 Row = dict[str, Any]
 
@@ -166,16 +170,17 @@ def write(groups: Sequence[Group], folder: Path) -> None:
 def print_table(groups: Sequence[Group], console: Console) -> None:
     """The figures that matter most, mean and 95 % interval, and the worst.
 
-    On a terminal in as many tables as it takes for the figures to stand beside each other; in a file all in one.
+    In as many tables as it takes for the figures to stand beside each other; summary.csv has all of them in one.
     """
     if not console.is_terminal:
-        console.width = UNLIMITED
+        console.width = max(console.width, FILE_WIDTH)
     left = shown_in_table(groups)
+    folded = _width(_table(groups, left), console) > console.width
     while left:
         count = len(left)
-        while count > 1 and _width(_table(groups, left[:count]), console) > console.width:
+        while count > 1 and _width(_table(groups, left[:count], folded=folded), console) > console.width:
             count -= 1
-        console.print(_table(groups, left[:count]))
+        console.print(_table(groups, left[:count], folded=folded))
         left = left[count:]
 
 
@@ -189,12 +194,13 @@ def _width(table: Table, console: Console) -> int:
     return console.measure(table, options=console.options.update(max_width=UNLIMITED)).maximum
 
 
-def _table(groups: Sequence[Group], names: Sequence[str]) -> Table:
+def _table(groups: Sequence[Group], names: Sequence[str], *, folded: bool = False) -> Table:
+    """`folded`: names of runs and cases are."""
     table = Table(title="mean ± 95 % interval of the mean, Student's t (worst)", title_justify="left", box=SIMPLE)
-    table.add_column("run", overflow="fold")
-    table.add_column("case", overflow="fold")
+    for heading in ("run", "case"):
+        table.add_column(heading, overflow="fold", max_width=NAME_WIDTH if folded else None)
     for heading in ("arrived", *(BY_NAME[name].heading for name in names)):
-        table.add_column(heading, no_wrap=True)
+        table.add_column("\n".join(textwrap.wrap(heading, HEADING_WIDTH)), no_wrap=True)
     varied = varying(groups)
     for group in groups:
         case = label(group, varied)

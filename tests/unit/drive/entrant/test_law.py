@@ -72,6 +72,25 @@ def test_a_law_may_be_a_module_that_can_be_imported() -> None:
             find_law(wrong)
 
 
+def test_what_is_no_python_is_told_so_with_what_a_law_must_be(tmp_path: Path) -> None:
+    (tmp_path / "README.md").write_text("# Words\n", encoding="utf-8")
+    must = r"must be a \.py file, the name of an installed law \(.*\), or a module that can be imported$"
+    for wrong in ("README.md", "."):
+        with pytest.raises(LawError, match=rf"^law {wrong}: is no Python module: {must}"):
+            find_law(wrong, tmp_path)
+    for wrong in ("NOTES.md", "./law", "no/such/law", "no.such.module"):
+        with pytest.raises(LawError, match=rf"^law {wrong}: no such module: {must}"):
+            find_law(wrong, tmp_path)
+
+
+def test_a_module_that_lacks_something_else_says_what(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "lacks_it").mkdir()
+    (tmp_path / "lacks_it" / "__init__.py").write_text("import nothing_of_that_name\n", encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(LawError, match=r"^law lacks_it\.law: No module named 'nothing_of_that_name'$"):
+        find_law("lacks_it.law")
+
+
 def test_what_breaks_down_when_it_is_imported_is_told_with_its_line(tmp_path: Path) -> None:
     file = law_file(tmp_path, "None", "\n\n1 / 0\n")
     with pytest.raises(LawError, match="cannot be imported: ZeroDivisionError: division by zero, line 9"):

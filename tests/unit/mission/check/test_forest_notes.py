@@ -48,7 +48,7 @@ def test_notes_say_what_the_route_meets() -> None:
     bare = list(notes_of(Stand([trunk(40.0, 9.0)]), mission_with(sensing=None)))
     assert bare == [
         "no [sensing]: companions know the trunks at d2 and the stops alone",
-        "no trunk stands within coverage.keep_out_m = 2 m of d2",
+        "no trunk stands within coverage.keep_out_m = 2 m of d2: the nearest is 21.7 m away",
     ]
 
 
@@ -64,7 +64,7 @@ def test_notes_say_which_crowns_hang_into_the_way() -> None:
 def test_notes_are_of_every_leg() -> None:
     stops = {"stops": [{"pos_enu_m": (60.0, 40.0, 4.0)}]}
 
-    assert "no trunk stands within coverage.keep_out_m = 2 m of stops[0]" in list(
+    assert "no trunk stands within coverage.keep_out_m = 2 m of stops[0]: the nearest is 29.8 m away" in list(
         notes_of(wall(0.0), mission_with(route=stops))
     )
 

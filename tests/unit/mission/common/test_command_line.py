@@ -60,6 +60,10 @@ def test_the_help_of_each_command_has_two_examples_that_parse(prog: str) -> None
         ("companion docter", "; did you mean doctor?"),
         ("sim-bridge fly m.toml --sed 3", "unrecognized arguments: --sed 3; did you mean --seed?"),
         ("sim-bridge fly m.toml --agents proceses", "; did you mean processes?"),
+        ("sim-bridge report runs/a --agains runs/b", "arguments: --agains runs/b; did you mean --against?"),
+        ("sim-bridge fly m.toml --perso px4", "unrecognized arguments: --perso px4; did you mean --personality?"),
+        ("mission check --js m.toml", "mission check: error: unrecognized arguments: --js; did you mean --json?"),
+        ("companion doctor --verb", "companion doctor: error: unrecognized arguments: --verb"),
         ("sim-bridge study s.toml --quite-else=3", "error: unrecognized arguments: --quite-else=3\n"),
     ],
 )
@@ -71,6 +75,13 @@ def test_what_is_unknown_is_refused_with_the_nearest_that_is_known(
         PROGRAMS[program]().parse_args(rest)
     assert ended.value.code == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("prog", PROGRAMS)
+def test_no_command_takes_a_part_of_an_options_name(prog: str) -> None:
+    program = PROGRAMS[prog]()
+    assert not program.allow_abbrev
+    assert [command.prog for command in commands(program) if command.allow_abbrev] == []
 
 
 def test_exit_codes_of_every_command_stand_on_one_page() -> None:

@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from mission.document.load import MAX_FILE_BYTES, MissionError, dump_mission, load_mission, parse_mission
+from mission.check.findings import check_document
+from mission.document.load import MAX_FILE_BYTES, MissionError, dump_mission, load_document, load_mission, parse_mission
 from mission.document.model import MAX_TREES, Mission
 from mission.schema.json_schema import json_schema, node_at, resolved
 from tests.unit.mission.mission_file_kit import FULL, STOPS, only_problem, problems_of, with_value, without
@@ -297,3 +298,16 @@ def test_a_stem_map_in_the_place_of_a_mission_is_told_so(tmp_path: Path, name: s
     (tmp_path / name).write_bytes(b"Nr;H\xf6he\n1;20\n")
     with pytest.raises(MissionError, match=rf"{name}: is a stem map by its name, and a mission is a \.toml: .*--stems"):
         load_mission(tmp_path / name)
+
+
+@pytest.mark.parametrize("keys", ['missions = ["m.toml"]\nseeds = 4\n', "localise = 1\n"])
+def test_a_study_in_the_place_of_a_mission_is_told_so(tmp_path: Path, keys: str) -> None:
+    file = tmp_path / "study.toml"
+    file.write_text(f"schema = 1\n{keys}[[run]]\nname = 'ours'\n", encoding="utf-8")
+    with pytest.raises(MissionError, match=r"study\.toml: is a study, and no mission: `sim-bridge study` flies it$"):
+        load_mission(file)
+    with pytest.raises(MissionError, match=r"study\.toml: is a study, and no mission: `sim-bridge study` flies it$"):
+        check_document(load_document(file), file)
+    file.write_text(f"schema = 1\n{keys}[route]\n", encoding="utf-8")  # a mission, with a key that is none of its own
+    with pytest.raises(MissionError, match="unknown key"):
+        load_mission(file)

@@ -98,7 +98,42 @@ def test_a_law_that_the_trees_place_breaks_is_told_at_the_tree(tmp_path: Path) -
     file = mission_file(
         tmp_path, D1 + "d2_tree = '7'\n", "[fence]\npolygon_enu_m = [[-40, -40], [90, -40], [90, 40], [-40, 40]]\n"
     )
-    assert "m.toml:10: route.d2_enu_m = [100.0, 2.0, 8.0]: must be inside the fence" in refusal(file)
+    told = refusal(file)
+    assert 'm.toml:10: route.d2_tree = "7": must be inside the fence (the tree is at [100.0, 2.0, 8.0], fence.' in told
+    assert "d2_enu_m" not in told
+    assert "d1_enu_m" not in told
+
+
+def test_a_law_that_a_tree_takes_part_in_names_it_and_where_it_is(tmp_path: Path) -> None:
+    route = "d1_tree = 'A-1'\nd2_enu_m = [1.5, 60.25, 8.0]\n"
+    told = refusal(mission_file(tmp_path, route, "[sim]\nplacement = 'ring'\n"))
+    assert "m.toml:10: route.d2_enu_m = [1.5, 60.25, 8.0]: must differ from the deployment point" in told
+    assert '(route.d1_tree = "A-1" at [1.5, 60.25, 8.0])' in told
+    assert "d1_enu_m" not in told
+    box = "[[forest.boxes]]\ncentre_enu_m = [3.0, 60.0]\nheight_m = 2.0\nlength_m = 2.0\nwidth_m = 2.0\n"
+    route = "d1_tree = 'A-1'\nd2_enu_m = [100.0, 2.0, 8.0]\n"
+    told = refusal(mission_file(tmp_path, route, box + "[sim]\nplacement = 'ring'\n"))
+    assert "from d1: must be at least" in told
+    assert '(route.d1_tree = "A-1" at [1.5, 60.25, 8.0], ' in told
+
+
+@pytest.mark.parametrize(
+    ("route", "rest"),
+    [("d2_tree = 7\n", ""), ("d2_tree = ''\n", ""), ("d2_tree = '7'\n", "[forest]\nfile = 'maps/stems.csv'\n")],
+)
+def test_a_tree_that_is_refused_leaves_no_point_missing(tmp_path: Path, route: str, rest: str) -> None:
+    file = mission_file(tmp_path, D1 + route)
+    if rest:
+        file.write_text(file.read_text().replace("[forest]\nfile = 'stems.csv'\n", rest))
+    assert "d2_enu_m" not in refusal(file)
+
+
+def test_a_text_that_is_no_file_has_no_map_beside_it() -> None:
+    with pytest.raises(MissionError) as caught:
+        parse_mission("schema = 1\n[forest]\nfile = 'stems.csv'\n" + ROUTE + D1 + "d2_tree = '7'\n")
+    assert str(caught.value) == (
+        'mission:7: route.d2_tree = "7": is a tree of a stem map, and this text is of no file beside which one could be'
+    )
 
 
 def test_other_files_are_left_as_they_are(tmp_path: Path) -> None:

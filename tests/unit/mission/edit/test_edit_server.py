@@ -162,6 +162,21 @@ def test_two_windows_do_not_change_over_each_other(client: Client) -> None:
     assert client.change(("set", ("swarm", "size"), 4))[1]["state"]["fields"]["swarm.size"] == 4
 
 
+def test_a_destination_on_bare_ground_is_a_hint_and_no_error(
+    client: Client, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stand = b"east_m,north_m,dbh_cm\n60,20,30\n130,0.5,40\n"
+    assert client.ask("POST", "/stems", stand, X_Name="s.csv", Content_Type="application/octet-stream")[0] == 200
+    hint = "no trunk stands within coverage.keep_out_m = 2 m of d2: the nearest is 8.3 m away"
+    assert not [note for note in client.state()["notes"] if "no trunk" in note]
+    _, told = client.change(("set", ("route", "d2_enu_m"), [130.0, 9.0, 8.0]))
+    assert told["state"]["problems"] == []
+    assert hint in told["state"]["notes"]
+    client.do("/save")
+    assert main(["check", str(client.draft.path)]) == 0
+    assert hint in capsys.readouterr().out
+
+
 def test_a_stem_map_is_put_beside_the_mission(client: Client) -> None:
     data = b"east_m,north_m,dbh_cm\n10,0,30\n130,0,40\n"
     kind = {"Content_Type": "application/octet-stream"}

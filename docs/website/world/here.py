@@ -6,11 +6,11 @@ import json
 import time
 from typing import Any, Final
 
+from docs.website.world.feed import Feed
+from docs.website.world.flight import PageFlight
+from docs.website.world.settings import Settings
 from mission.common.problems import MissionError
 from sim_bridge.drive.live.pace import Pace
-from website.world.feed import Feed
-from website.world.flight import PageFlight
-from website.world.settings import Settings
 
 CONTROLS: Final = ("pause", "resume", "step", "speed", "kill")
 EVERY_TICKS: Final = 2  # 10 Hz

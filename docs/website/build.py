@@ -1,4 +1,4 @@
-"""Build the site: `python -m website.build OUT`. `make site` installs what it needs before."""
+"""Build the site: `python -m docs.website.build OUT`. `make site` installs what it needs before."""
 
 from __future__ import annotations
 
@@ -10,21 +10,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from website.browser import build_software, fetch_packages, lock_packages
-from website.pages import ROOT, config, stage_pages
+from docs.website.browser import NPM, build_software, fetch_packages, lock_packages
+from docs.website.pages import ROOT, config, stage_pages
 
 HERE: Final = Path(__file__).parent
 WORK: Final = ROOT / "build" / "site"
 WHEELS: Final = ROOT / "build" / "site-wheels"
 PAGE: Final = HERE / "page"
-MERMAID: Final = (
-    HERE / "node_modules" / "@mermaid-js" / "tiny" / "dist" / "mermaid.tiny.js"
-)  # else the pages would load it elsewhere
+MERMAID: Final = NPM / "@mermaid-js" / "tiny" / "dist" / "mermaid.tiny.js"  # else the pages would load it elsewhere
 
 
 def main(argv: Sequence[str]) -> int:
     """Exit code 0; 1 where a page or a link is wrong."""
-    parser = argparse.ArgumentParser(prog="python -m website.build", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m docs.website.build", description=__doc__, allow_abbrev=False)
     parser.add_argument("out", type=Path, nargs="?", default=ROOT / "dist" / "site", help="(dist/site)")
     parser.add_argument("--zensical", default="zensical", metavar="PROGRAM", help="the generator of the pages")
     parser.add_argument("--lock", action="store_true", help="write browser.lock anew, and build nothing")

@@ -25,8 +25,8 @@ async function load() {
   tell({ tell: "loading", text: "Loading the flight software …" });
   for (const archive of archives) python.unpackArchive(archive, "zip", { extractDir: "/software" });
   python.runPython("import sys; sys.path.insert(0, '/software')");
-  here = python.runPython("from website.world.here import Here; Here()");
-  const settings = python.runPython("import dataclasses, json; from website.world.settings import SETTINGS; json.dumps({name: dataclasses.asdict(one) for name, one in SETTINGS.items()})");
+  here = python.runPython("from docs.website.world.here import Here; Here()");
+  const settings = python.runPython("import dataclasses, json; from docs.website.world.settings import SETTINGS; json.dumps({name: dataclasses.asdict(one) for name, one in SETTINGS.items()})");
   tell({ tell: "ready", settings: JSON.parse(settings) });
 }
 

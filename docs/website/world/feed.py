@@ -9,6 +9,7 @@ from itertools import combinations, pairwise
 from typing import Any, Final
 
 from companion.core.model.states import SwarmPhase
+from docs.website.world.flight import PageFlight
 from mission import __version__
 from mission.check.summary import describe_airtime, summarise
 from mission.common.frames import Vec3, enu_to_ned
@@ -18,7 +19,6 @@ from sim_bridge.judge.page.replay import FORMAT, SWARM_STEPS, VERSION, mission_v
 from sim_bridge.judge.recording import Recorder
 from sim_bridge.judge.tick import OBSTACLES
 from sim_bridge.trunk_attenuation import range_share
-from website.world.flight import PageFlight
 
 LIVE_FORMAT: Final = "understory-live"
 STEPPED: Final = ("alive", "on_ground", "armed", "acting", "touched", "leader", "phase", "range_m")

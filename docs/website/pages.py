@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from mission import __version__
 
-ROOT: Final = Path(__file__).parents[1]
+ROOT: Final = Path(__file__).parents[2]
 LINK: Final = re.compile(r"(!?\[[^\]\n]*(?:\][^\[\]\n()]*)?\]\()([^)\s#]*)((?:#[^)\s]*)?\))")
 NAV_LINK: Final = re.compile(r"\[([^\]]+)\]\(([^)#\s]+\.md)\)")
 ITEM: Final = re.compile(r"(?:[-*]|[0-9]+\.) +")

@@ -56,7 +56,7 @@ function fly() {
 
 function command({ kills, ticks }) {
   const words = kills.map(([tick, vehicle]) => ` --kill ${tick}:${vehicle}`);
-  return `python -m website.native --musl --until ${ticks} --settings '${JSON.stringify(flying)}'${words.join("")}`;
+  return `python -m docs.website.native --musl --until ${ticks} --settings '${JSON.stringify(flying)}'${words.join("")}`;
 }
 
 function follow(figures) {

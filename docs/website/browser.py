@@ -13,19 +13,20 @@ from pathlib import Path
 from typing import Final
 
 HERE: Final = Path(__file__).parent
-ROOT: Final = HERE.parent
-PYODIDE: Final = HERE / "node_modules" / "pyodide"
+ROOT: Final = HERE.parents[1]
+NPM: Final = ROOT / "build" / "site-npm" / "node_modules"
+PYODIDE: Final = NPM / "pyodide"
 RUNTIME: Final = ("pyodide.mjs", "pyodide.asm.mjs", "pyodide.asm.wasm", "python_stdlib.zip", "pyodide-lock.json")
 PLATFORM: Final = ("--platform", "pyemscripten_2026_0_wasm32", "--python-version", "3.14", "--implementation", "cp")
-STARTED: Final = "website.world.here"
+STARTED: Final = "docs.website.world.here"
 EXAMPLES: Final = ("lone_tree.toml", "managed_stand.toml")
-OURS: Final = ("mission", "companion", "sim_bridge", "website")
+OURS: Final = ("mission", "companion", "sim_bridge", "docs.website")
 LIST: Final = f"""
 import sys
 sys.path[:0] = sys.argv[1:3]
 import {STARTED}
 for name, module in sys.modules.items():
-    if name.partition(".")[0] in {OURS}:
+    if name.startswith({OURS}):
         print(module.__file__)
 """
 
@@ -76,7 +77,7 @@ def lock_packages(names: Iterable[str]) -> str:
     """browser.lock: wheels of these packages and what they need, for the page's interpreter, by hash."""
     from hashlib import sha256
 
-    lines = ["# Wheels for the page's interpreter: python -m website.build --lock"]
+    lines = ["# Wheels for the page's interpreter: python -m docs.website.build --lock"]
     with tempfile.TemporaryDirectory(prefix="understory-") as folder:
         command = [sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check"]
         subprocess.run([*command, "--only-binary=:all:", *PLATFORM, "--dest", folder, *names], check=True)

@@ -1,4 +1,4 @@
-"""Fly as the page does, and print ticks and trace: `python -m website.native --size 8 --seed 1 --until 2000`."""
+"""Fly as the page does, and print ticks and trace: `python -m docs.website.native --size 8 --seed 1 --until 2000`."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from website.native import musl
+from docs.website.native import musl
 
 
 def main(argv: Sequence[str]) -> int:
     """Exit code 0; 1 where musl is asked for and not there."""
-    parser = argparse.ArgumentParser(prog="python -m website.native", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m docs.website.native", description=__doc__, allow_abbrev=False)
     parser.add_argument(
         "--settings", default="{}", metavar="JSON", help='as the page shows them: {"size": 8, "seed": 1}'
     )
@@ -32,7 +32,7 @@ def main(argv: Sequence[str]) -> int:
             return 1
         with tempfile.TemporaryDirectory(prefix="understory-") as folder:
             words = [word for word in argv if word != "--musl"]
-            command = [sys.executable, "-m", "website.native", *words]
+            command = [sys.executable, "-m", "docs.website.native", *words]
             return subprocess.run(command, env=musl.environment(Path(folder)), check=False).returncode
     musl.sum_as_later_pythons()
     print(json.dumps(flown(args.settings, args.kill, args.until, args.positions)))
@@ -41,8 +41,8 @@ def main(argv: Sequence[str]) -> int:
 
 def flown(settings: str, kills: Sequence[str], until: int | None, every: int | None) -> dict[str, object]:
     """Ticks, trace and why it ended; `positions`: of all vehicles, NED m, every so many ticks."""
-    from website.world.flight import PageFlight
-    from website.world.settings import Settings
+    from docs.website.world.flight import PageFlight
+    from docs.website.world.settings import Settings
 
     flight = PageFlight(Settings.read(json.loads(settings)).mission())
     due = [(int(tick), int(vehicle)) for tick, _, vehicle in (text.partition(":") for text in kills)]
