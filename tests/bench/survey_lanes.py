@@ -72,6 +72,7 @@ def mission_of(
     sensor: str,
     sides_m: tuple[float, float],
     soft_m: float,
+    lane_m: float | None = None,
     per_ha: float,
     speed_mps: float,
 ) -> Mission:
@@ -114,6 +115,8 @@ def mission_of(
         },
         "sim": {"seed": seed, "range_finder": True, "estimates": "recorded", "battery_mah": {"1": 20_000.0}},
     }
+    if lane_m is not None:
+        tables["survey"]["lane_m"] = lane_m
     return validated(Mission, tables, "survey-lanes").with_origin(DEFAULT_ORIGIN)
 
 
@@ -140,7 +143,7 @@ def fly(mission: Mission, *, on_jsbsim: bool) -> Survey:
     reach_m = mission.survey.reach_m if mission.survey is not None else 0.0
     return Survey(
         lanes=len(mission.lanes),
-        ha_per_min=area_m2(area) / M2_PER_HA / ((recording.time_s[ends] - recording.time_s[begins]) / 60.0),
+        ha_per_min=area_m2(area) / M2_PER_HA / float(recording.time_s[ends] - recording.time_s[begins]) * 60.0,
         air_min=float(up_s[-1] - up_s[0]) / 60.0,
         trees=len(trees),
         found=sum((tree.east_m, tree.north_m) in found for tree in trees),
@@ -204,6 +207,7 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--sensor", default="multi-layer", choices=list(CLASSES))
     parser.add_argument("--sides", nargs=2, type=float, default=[80.0, 56.0], metavar=("EAST", "NORTH"), help="m")
     parser.add_argument("--soft", type=float, default=10.0, help="separation.soft_m")
+    parser.add_argument("--lane", type=float, help="survey.lane_m")
     parser.add_argument("--per-ha", type=float, default=300.0)
     parser.add_argument("--speed", type=float, default=1.5, help="m/s")
     parser.add_argument("--jsbsim", action="store_true", help="on JSBSim quadrotors, not point masses")
@@ -218,6 +222,7 @@ def main(argv: Sequence[str]) -> int:
                 sensor=options.sensor,
                 sides_m=tuple(options.sides),
                 soft_m=options.soft,
+                lane_m=options.lane,
                 per_ha=options.per_ha,
                 speed_mps=options.speed,
             )
@@ -234,7 +239,7 @@ def row_of(vehicles: int, flown: Sequence[Survey]) -> str:
     cells = (
         f"{vehicles}",
         f"{flown[0].lanes}",
-        spread([one.ha_per_min for one in flown], ""),
+        f"{', '.join(f'{one.ha_per_min:.3f}' for one in flown)}",
         spread([one.air_min for one in flown], ""),
         f"{sum(one.found for one in flown) / trees:.1%} of {trees}",
         f"{sum(one.two_sided for one in flown) / trees:.1%}",
