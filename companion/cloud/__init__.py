@@ -1,5 +1,5 @@
-"""Returns of stems: returns.py, those that one pass was fitted with, and their form; returns_file.py, returns_log.py,
-the file of them and what feeds it in flight.
+"""Returns of stems: returns.py, those that a pass was fitted with; returns_file.py, returns_log.py, their file and what
+feeds it in flight; returns_reader.py reads it.
 
-`companion.survey` makes them in flight, `companion.stand.cloud` a point cloud of those of all vehicles.
+`companion.survey` makes them, `companion.stand.cloud` a point cloud of those of all vehicles.
 """

@@ -7,7 +7,7 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-from companion.cloud.returns_file import ReturnsFileError
+from companion.cloud.returns_reader import ReturnsFileError
 from companion.stand.fusion.fuse import TooManyError
 from companion.stand.products.write import describe_products, write_products
 from companion.stand.records import RecordsError, count_set_apart, read_records

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from companion.cloud.returns_file import ReturnsFileError
 from companion.cloud.returns_log import SUFFIX
+from companion.cloud.returns_reader import ReturnsFileError
 from companion.stand.fusion.fuse import TooManyError
 from companion.stand.products.write import Products, describe_products, write_products
 from companion.stand.records import RecordsError, read_records

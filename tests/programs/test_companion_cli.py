@@ -110,7 +110,7 @@ def test_sensor_link_that_cannot_be_meant_is_refused(mission: Path, value: str, 
 def test_names_of_sensors_are_listed() -> None:
     done = _companion("run", "--sensor", "help")
     assert done.returncode == 0
-    assert [line.partition(":")[0] for line in done.stdout.splitlines()] == ["obstacles", "lidar", "ranges"]
+    assert [line.partition(":")[0] for line in done.stdout.splitlines()] == ["obstacles", "lidar", "ranges", "payload"]
 
 
 def test_without_a_command_it_says_which_there_are() -> None:

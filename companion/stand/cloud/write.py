@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from companion.cloud.returns_file import read_returns
+from companion.cloud.returns_reader import read_returns
 from companion.stand.cloud.las import to_laz
 from companion.stand.cloud.merge import StandCloud, merge_returns
 from companion.stand.products.write import Products

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from companion.cloud.returns import POINTS_MAX, StemReturns, decode_returns, encode_returns
-from companion.cloud.returns_file import ReturnsFile, ReturnsFileError, read_returns
+from companion.cloud.returns_file import ReturnsFile
 from companion.cloud.returns_log import WAITING_MAX, ReturnsLog
+from companion.cloud.returns_reader import ReturnsFileError, read_returns
 from companion.shell.records import open_returns
 from tests.unit.cloud.cloud_kit import returns_at
 
