@@ -350,6 +350,7 @@ ABOUT = {
     "spoofing": "own positions that jump, freeze, drift: what is noticed, and false alarms: see spoofing --help",
     "stand-figures": "a stand's figures of drawn and real stands against the truth: see stand-figures --help",
     "cloud": "how far the point cloud of a flight that surveyed lies from the true bark: see cloud --help",
+    "stand-flights": "fused stem maps of drawn flights, leader-only GNSS too, against the trees: see --help",
     "stand-map": "the fused stem map of a flight that surveyed against its trees: see stand-map --help",
     "stand-until": "surveys that stop by the interval of their basal area: see stand-until --help",
     "survey": "stems measured by a lidar of each class against the bridge's trees: see survey --help",

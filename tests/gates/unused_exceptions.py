@@ -56,7 +56,6 @@ _.drift_mps  # of a fault: the numbers of its kind are read by the names in its 
 _.jump_m  # the same
 _.PARALLEL  # values of an enumeration that files give
 _.CANCELLED  # MAV_RESULT: an autopilot answers it
-_.STEM  # RecordKind: comes as a number
 _.TRACK
 _.PAYLOAD
 _.FENCE_ALT_MIN  # FENCE_TYPE: its bit is taken, or the next would be named wrongly

@@ -90,7 +90,7 @@ def test_a_fault_loads_and_its_dump_loads_back_equal(table: str) -> None:
         (
             'kind = "range-errors"\nat_s = 1\nbias_m = 1\nnoise_m = 0',
             11,
-            'sim.faults[0].kind = "range-errors": needs a mission in which not all have GNSS',
+            'sim.faults[0].kind = "range-errors": needs [ranging]: without it no vehicle has a range radio',
         ),
         ('kind = "position-jump"\nat_s = 1', 10, "sim.faults[0] = a table: position-jump: needs jump_m"),
         (
