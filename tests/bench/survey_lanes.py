@@ -167,13 +167,16 @@ def flown_between(recording: Recording, mission: Mission) -> tuple[int, int]:
         )
         for end in (ends[0], ends[-1])
     ]
+    if not all(len(ticks) for ticks in near):
+        raise RuntimeError("the lanes were not flown to their end")
     return int(near[0][0]), int(near[1][-1])
 
 
 def width_on_lanes(recording: Recording, mission: Mission) -> tuple[float, float]:
     """Of those in the air, across, while an acting leader is on a lane: 5 % and median over ticks; m."""
     ne_m, widths_m = recording.pos_ned_m[::SAMPLED, :, :2], []
-    leads, flying = recording.acting[::SAMPLED], ~recording.on_ground[::SAMPLED]
+    flying = ~recording.on_ground[::SAMPLED]
+    leads = recording.acting[::SAMPLED] & flying
     for lane in mission.lanes:
         a, b = np.array(lane.start[::-1]), np.array(lane.end[::-1])
         length_m = float(np.linalg.norm(b - a))
