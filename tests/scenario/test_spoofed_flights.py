@@ -17,6 +17,8 @@ from mission.document.model import Mission
 from sim_bridge.judge.verdict import Grade
 from sim_bridge.world.world import DEFAULT_ORIGIN
 from tests.flights import flown, short_mission
+from tests.referees import swarmfuzz
+from tests.referees.referee import Case
 
 EXAMPLES = Path(mission.__file__).parent / "examples"
 FENCE_M = 0.1
@@ -117,6 +119,15 @@ def test_ranges_that_trunks_make_too_long_lead_nobody_astray(tmp_path: Path) -> 
     outcome, shown = flown(Mission.model_validate(tables).with_origin(DEFAULT_ORIGIN), tmp_path)
     assert "doubted" not in shown
     assert outcome.summary["grade"] == Grade.ARRIVED, shown
+
+
+def test_beside_a_block_of_walls_a_true_fix_is_believed(tmp_path: Path) -> None:
+    """Ten along a block of 37.5 m: one took others that flew along it for trunks, dropped its fix, and met another."""
+    tables = swarmfuzz.mission_of(Case(swarmfuzz.UNATTACKED, 10, 1, swarmfuzz.ESTIMATES)).model_dump(by_alias=True)
+    tables["sim"]["time_limit_s"] = 92.0
+    outcome, shown = flown(Mission.model_validate(tables), tmp_path)
+    assert "doubted" not in shown
+    assert (outcome.metrics.min_separation_m or 0.0) >= 4.9
 
 
 def test_among_trees_a_leader_that_is_led_astray_drops_its_fix_before_15_m(tmp_path: Path) -> None:

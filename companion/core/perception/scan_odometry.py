@@ -97,6 +97,11 @@ class ScanOdometry:
         """The tracked ones, as of the last scan."""
         return self._tracks.trunks
 
+    @property
+    def is_beside_wall(self) -> bool:
+        """Walls are tracked, as of the last scan."""
+        return bool(self._walls.walls)
+
     def is_corrected(self, now_s: float) -> bool:
         """Trunks or walls have corrected the pose lately."""
         return now_s - self.corrected_s <= FRESH_S

@@ -150,6 +150,17 @@ def test_one_wall_tells_the_motion_across_it_alone(lines: list[Line], *, tells: 
     assert perception.sees_motion is tells
 
 
+def test_beside_walls_nothing_is_said_of_a_fix() -> None:
+    """Ends of walls, and others that fly along them, would be landmarks that come along: a true fix was dropped so."""
+    perception = build_perception(mission(sensing={"sensor": "scan-1deg"}), 1)
+    assert isinstance(perception, SensingPerception)
+    flight = Beside([EAST_WALL, NORTH_WALL], FINE, (0.3, -0.3), perception.motion)
+    flight.run(4.0)
+    assert perception.motion.odometry.is_corrected(flight.now_s)
+    assert perception.motion.odometry.corrected_along is None
+    assert perception.read_way(Position((*flight.told_m, -4.0), ZERO, flight.now_s), flight.now_s) is None
+
+
 def test_two_walls_that_cross_tell_all() -> None:
     flight = Beside([((-20.0, 4.0), (20.0, 4.0)), ((5.0, -10.0), (5.0, 4.0))], FINE, (0.3, -0.3))
     flight.run(4.0)
