@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import Any, Final, assert_never
 
 from companion.core.agent import Agent
-from companion.core.model.actions import Action, Ask, Say, SendBeacon, SendOdometry, VelocitySetpoint
+from companion.core.model.actions import Action, Ask, Say, SendBeacon, SendOdometry, VelocitySetpoint, brief
 from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import Answer, AutopilotMode, Event, LidarScan
 from companion.core.model.stand import StandMeasured
@@ -112,7 +112,7 @@ class Endpoint:
         )
         self.sensors = SensorInputs(sensors, vehicle_id, sensor_streams)
         self.survey: Final = None if survey is None else GuardedSurvey(survey)
-        self._payload: Final = payload
+        self._payload = payload
         self.records: Final = records
         reception = reception_counts(mission, vehicle_id)
         fix_hz = receiver_hz(mission, vehicle_id)
@@ -314,9 +314,15 @@ class Endpoint:
                 self._to_say += [Say(Severity.INFO, f"stand: {update.text}")] if update.text else []
 
     def _record_payload(self, payload: Payload, records: RecordLink, now_s: float) -> None:
-        airborne, place = self.agent.flight.vehicle.airborne, payload_place_of(self.agent, now_s)
-        for kind, body in payload.take_records(self.sensors.take_values(), place, now_s, airborne=airborne):
-            records.append(kind, body, now_s)
+        airborne = self.agent.flight.vehicle.airborne
+        try:
+            place = payload_place_of(self.agent, now_s)
+            for kind, body in payload.take_records(self.sensors.take_values(), place, now_s, airborne=airborne):
+                records.append(kind, body, now_s)
+        except Exception as error:  # noqa: BLE001  not swallowed: said; nothing is flown by it
+            self._payload = None
+            self._to_say.append(Say(Severity.WARNING, brief(f"payload: stopped: {type(error).__name__}: {error}")))
+            return
         self._to_say += payload.take_says()
 
     def take_returns(self) -> list[bytes]:

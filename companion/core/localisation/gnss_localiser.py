@@ -160,7 +160,14 @@ class GnssLocaliser(Localiser):
         check = self._check
         if check is None:
             return silent
-        return {k: replace(seen, rel_ned_m=check.near_ned_m(k, seen.rel_ned_m, now_s)) for k, seen in silent.items()}
+        return {k: self._bring_near(check, seen, now_s) for k, seen in silent.items()}
+
+    def _bring_near(self, check: RangeCheck, seen: PeerReport, now_s: float) -> PeerReport:
+        """A silent vehicle's place, and the nearer one that its range tells: neither makes the other free."""
+        near = check.near_ned_m(seen.vehicle, seen.rel_ned_m, now_s)
+        if near is seen.rel_ned_m:
+            return seen
+        return replace(seen, rel_ned_m=near, elsewhere=(seen.rel_ned_m, *seen.elsewhere))
 
     def _correct_neighbours(self, own_pos_ned_m: Vec3, now_s: float) -> None:  # noqa: ARG002
         check = self._check

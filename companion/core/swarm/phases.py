@@ -102,7 +102,9 @@ class Phases:
         """This phase leads to that one at once, by the table of phases; the mission may not have it so soon."""
         if self.phase is SwarmPhase.TRANSIT and following is SwarmPhase.TRANSIT:
             last = len(self._visits) - 1
-            return self._is_passing and (its_stop == self.stop + 1 or (its_stop == last and self._until is not None))
+            # To who has missed the end of the first lane a step is missing, and the leader's word is not false
+            skips = its_stop == last and self.may_skip_lanes(self.stop)
+            return self._is_passing and (its_stop == self.stop + 1 or skips)
         return is_step(self.phase, self.stop, following, its_stop)
 
     def elapsed_s(self, now_s: float) -> float:

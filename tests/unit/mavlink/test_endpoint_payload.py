@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.framing import wire
@@ -64,3 +66,13 @@ def test_a_companion_without_records_flies_as_without_payload() -> None:
     one = flown(None, IN_AIR)
     out = one.tick(1.0)
     assert not any("payload" in say.text for say in out.said)
+
+
+def test_an_error_of_the_payload_stops_its_records_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise ZeroDivisionError("nothing")
+
+    monkeypatch.setattr("companion.mavlink.endpoint.payload_place_of", refuse)
+    one = flown(Kept(), IN_AIR)
+    said = [say.text for k in range(3) for say in one.tick(1.0 + 0.05 * k).said]
+    assert said.count("payload: stopped: ZeroDivisionError: nothing") == 1

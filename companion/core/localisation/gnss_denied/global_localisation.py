@@ -242,11 +242,11 @@ class GlobalLocalisation:
         return (pos[0] + off[0], pos[1] + off[1], pos[2])
 
     def told_off_ne_m(self, now_s: float) -> tuple[float, float] | None:
-        """The reported position less the odometer; None: its autopilot does not go by satellites now.
+        """The reported position less the odometer; None: its autopilot does not go by good fixes now.
 
         It wanders with the receiver, within seconds, where `fix_ned_m` takes half a minute to follow.
         """
-        return self._jumped_ne_m if self._receives and self.is_used(now_s) else None
+        return self._jumped_ne_m if self._receives and self._reception_now(now_s) is Reception.GOOD else None
 
     @property
     def sd_m(self) -> float:

@@ -150,6 +150,9 @@ class OwnPosition:
         if astray is not None and self._perception.sees_motion:
             return
         off, drift = displaced.off_ne_m, displaced.drift_ne_mps
+        if astray is not None and off == (0.0, 0.0):  # the side is open: what it goes by already is as good
+            self._error_m = max(self._error_m, displaced.error_m)
+            return
         there = (flown.pos_ned_m[0] - off[0], flown.pos_ned_m[1] - off[1])
         off = (gated.pos_ned_m[0] - there[0], gated.pos_ned_m[1] - there[1])
         if astray is None:

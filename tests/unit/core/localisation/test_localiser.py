@@ -6,11 +6,13 @@ import pytest
 
 from companion.core.localisation.gnss_denied.localiser import REPORTS_MAX, GnssDeniedLocaliser
 from companion.core.localisation.gnss_localiser import GnssLocaliser
+from companion.core.localisation.integrity.range_check import NEAR_M
 from companion.core.localisation.localiser import BACKLOG_S, Localiser
 from companion.core.localisation.peer_reports import majority_of
 from companion.core.localisation.peer_table import RANGE_SLACK, TELL_AFTER_S
 from companion.core.localisation.silence_reports import REGAINED_S, SAY_AFTER_S
 from companion.core.model.beacon import BeaconEcho, PeerReport, RelativeReport
+from companion.core.model.events import Ranges
 from companion.core.model.states import FlightState
 from tests.unit.core.core_kit import heard_beacon, mission
 from tests.unit.core.ranging_kit import ranging_mission
@@ -189,3 +191,15 @@ def test_of_reports_whose_beacons_never_come_few_are_kept() -> None:
     for report in reports(100):
         localiser.receive_ranging(report, 1.0)
     assert len(localiser._reports[2]) == REPORTS_MAX
+
+
+def test_a_range_brings_a_silent_vehicle_near_and_frees_nothing_where_it_was_told_to_be() -> None:
+    localiser = GnssLocaliser(mission(swarm={"size": 4}, ranging={}), ME)
+    localiser.receive_beacon(heard_beacon(2, rel_ned_m=(0.0, 14.0, 0.0), airborne=True), HERE, 10.0)
+    for k in range(1, 30):
+        look(localiser, 10.0 + 0.1 * k)
+    localiser.receive_ranging(Ranges(((2, 8.0, 0.0),)), 12.9)
+    look(localiser, 13.0)
+    near_m = 8.0 + NEAR_M
+    assert localiser.silent[2].rel_ned_m == pytest.approx((0.0, near_m, 0.0))
+    assert (0.0, 14.0, 0.0) in [pytest.approx(place) for place in localiser.silent[2].elsewhere]

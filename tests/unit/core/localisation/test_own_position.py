@@ -204,3 +204,17 @@ def test_on_the_ground_ranges_move_nothing() -> None:
     ranged(one, 3.0, 0.0)
     told = Position((3.0, 50.0, 0.0), ZERO, one.now_s + DT_S)
     assert one.own.receive(told, one.now_s + DT_S, airborne=False, commanded_ned_mps=ZERO) is told
+
+
+def test_an_open_side_takes_no_place_back_that_is_known() -> None:
+    one = Flown()
+    one.sight.sees = False
+    one.fly(10.0, 0.3)
+    ranged(one, 3.0, 0.0)
+    one.fly(2 * DT_S, 0.3)
+    check = RangeCheck(1, 5)
+    check.displaced = Displaced((0.0, 0.0), (0.0, 0.0), 5.0)
+    one.localiser._check = check
+    one.fly(2 * DT_S, 0.3)
+    assert one.flown.pos_ned_m[0] == pytest.approx(0.0, abs=0.1)
+    assert one.own.error_m(one.now_s) >= 5.0

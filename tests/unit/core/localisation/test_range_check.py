@@ -118,3 +118,13 @@ def test_ranges_to_strangers_and_itself_are_none() -> None:
     check = RangeCheck(1, 2)
     check.receive(((1, 2.0, 0.0), (7, 2.0, 0.0)), 1.0)
     assert check.near_ned_m(7, (8.0, 0.0, 0.0), 1.0) == (8.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_liar_beside_others_in_a_line_chooses_no_side(seed: int) -> None:
+    """Its false place fits the own one's mirror image; the own fix walks by 2 m, as GNSS may: nobody is moved there."""
+    swarm = Swarm(seed, [(-4.0, 8.0), (-4.0, -8.0), (-4.0, 16.0), (-4.0, -16.0), (-4.0, 12.0), (6.0, 3.0)])
+    swarm.led[6] = (-20.0, 0.0)
+    swarm.led[0] = (2.0, 0.0)
+    found = swarm.run(20.0)
+    assert found is None or found.off_ne_m == (0.0, 0.0)
