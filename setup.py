@@ -37,6 +37,7 @@ COMPILED = {
         "sim_bridge/world/autopilot/*.py",
         "sim_bridge/world/autopilot/*/*.py",
         "sim_bridge/world/sensors/*.py",
+        "sim_bridge/world/sensors/payload/*.py",  # its drivers inherit from what is compiled
         "sim_bridge/drive/links/hub.py",
         "sim_bridge/drive/links/inbox.py",
         "sim_bridge/drive/links/transmitter.py",
