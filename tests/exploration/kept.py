@@ -220,8 +220,9 @@ CONSTANT: dict[type, Sequence[str]] = {
         "_all",
         "_majority",
         "gather_limit_s",
-        "_until",  # no survey here, as the next
+        "_until",  # no survey here, as the next two
         "_knows_stand",
+        "_gave_up",
         "since_s",
         "_forming",
         "_held_s",
