@@ -193,7 +193,7 @@ class SensingPerception(ObstaclePerception):
     def read_way(self, reported: Position, now_s: float) -> SeenWay | None:
         """By the own motion, in all directions. Beside a wall none: what stands out from it may be others in flight."""
         odometry = self.motion.odometry
-        if not odometry.is_corrected(now_s) or odometry.corrected_along is not None or odometry.is_beside_wall:
+        if not odometry.is_corrected(now_s) or odometry.corrected_along is not None:
             return None
         placed = odometry.correct_place(reported.pos_ned_m)
         return SeenWay((placed[0], placed[1]), odometry.frame, max(odometry.frame_rad2, self._frame_rad2))

@@ -97,11 +97,6 @@ class ScanOdometry:
         """The tracked ones, as of the last scan."""
         return self._tracks.trunks
 
-    @property
-    def is_beside_wall(self) -> bool:
-        """Walls are tracked, as of the last scan."""
-        return bool(self._walls.walls)
-
     def is_corrected(self, now_s: float) -> bool:
         """Trunks or walls have corrected the pose lately."""
         return now_s - self.corrected_s <= FRESH_S
@@ -174,7 +169,7 @@ class ScanOdometry:
         walls = [WallSighting(segment) for segment in segments]
         for wall in walls:
             self._walls.match_segment(wall, self._wall_pose_m2(wall))
-        sightings = [one for one in seen if not _is_neighbour(one, neighbours)]
+        sightings = [one for one in seen if not (_is_neighbour(one, neighbours) or self._is_of_wall(one))]
         for sighting in sightings:
             self._tracks.match_stem(sighting, self._pose_m2(sighting))
         matched = self._correct_pose(seen, walls, now_s)
@@ -184,6 +179,10 @@ class ScanOdometry:
             self._walls.update_wall(wall, now_s)
         self._note_missed(matched, scan, now_s)
         return [one for one in seen if one.trunk is None or not one.trunk.is_good]
+
+    def _is_of_wall(self, sighting: Sighting) -> bool:
+        """Cut off from a wall by what stands before it, or seen along it: it would go along with the eye."""
+        return self._walls.has_piece(sighting.north_m, sighting.east_m)
 
     def _correct_pose(self, sightings: Sequence[Sighting], walls: Sequence[WallSighting], now_s: float) -> int:
         """By all good trunks and walls that were seen again; the number of trunks. Places all sightings by it."""

@@ -24,6 +24,8 @@ WANDERS_RAD2_PER_S: Final = math.radians(0.1) ** 2
 UNSEEN_S: Final = 6.0
 UNPROVEN_S: Final = 0.5
 TRACKS_MAX: Final = 24
+ON_LINE_M: Final = 0.6  # off a wall's line: a piece of it, though no segment of its own
+GOES_ON_M: Final = 8.0  # so far beyond what has been seen of it
 
 
 @final
@@ -147,6 +149,15 @@ class WallTracks:
             chi2 = off_m * off_m / off_m2 + turned_rad * turned_rad / turned_rad2
             if chi2 < least:
                 sighting.wall, sighting.chi2, least = wall, chi2, chi2
+
+    def has_piece(self, north_m: float, east_m: float) -> bool:
+        """A place is on a good wall, or where it would go on."""
+        for wall in self.walls:
+            off_m, along_m = wall.offset_of(north_m, east_m)
+            is_along = wall.from_m - GOES_ON_M <= along_m <= wall.to_m + GOES_ON_M
+            if wall.is_good and abs(off_m) < ON_LINE_M and is_along:
+                return True
+        return False
 
     def update_wall(self, sighting: WallSighting, now_s: float) -> None:
         """A wall is seen again; a segment that is no wall's begins one."""

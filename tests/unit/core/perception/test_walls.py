@@ -111,6 +111,7 @@ class Beside:
         self.lines, self.kind, self.off_mps = lines, kind, off_mps
         self.motion = OwnMotion(kind, turns_with_yaw=False) if motion is None else motion
         self.now_s, self.true_m, self.told_m = 10.0, (-4.0, 0.0), (0.0, 0.0)
+        self.along: list[tuple[float, float]] = []  # others that fly along, heard: from here
 
     def run(self, lasts_s: float) -> None:
         for k in range(round(lasts_s / 0.05)):
@@ -123,10 +124,13 @@ class Beside:
             self.motion.receive_position(own, self.now_s)
             if k % 2 == 0:
                 placed = self.motion.correct_position(own)
-                scan = scan_of(self.lines, self.true_m, self.kind, self.motion.turn_rad)
+                north, east = self.true_m
+                hulls = [((north + n, east + e), (north + n + 0.6, east + e)) for n, e in self.along]
+                scan = scan_of([*self.lines, *hulls], self.true_m, self.kind, self.motion.turn_rad)
                 for j in range(len(scan.eyes_north_m)):
                     scan.eyes_north_m[j], scan.eyes_east_m[j] = placed.pos_ned_m[0], placed.pos_ned_m[1]
-                self.motion.integrate_turn(scan, 0.0, placed, (), self.now_s)
+                heard = [(n + 0.3, e, 0.0) for n, e in self.along]
+                self.motion.integrate_turn(scan, 0.0, placed, heard, self.now_s)
 
 
 @pytest.mark.parametrize("kind", [FINE, SECTORS])
@@ -150,15 +154,18 @@ def test_one_wall_tells_the_motion_across_it_alone(lines: list[Line], *, tells: 
     assert perception.sees_motion is tells
 
 
-def test_beside_walls_nothing_is_said_of_a_fix() -> None:
-    """Ends of walls, and others that fly along them, would be landmarks that come along: a true fix was dropped so."""
-    perception = build_perception(mission(sensing={"sensor": "scan-1deg"}), 1)
-    assert isinstance(perception, SensingPerception)
-    flight = Beside([EAST_WALL, NORTH_WALL], FINE, (0.3, -0.3), perception.motion)
-    flight.run(4.0)
-    assert perception.motion.odometry.is_corrected(flight.now_s)
-    assert perception.motion.odometry.corrected_along is None
-    assert perception.read_way(Position((*flight.told_m, -4.0), ZERO, flight.now_s), flight.now_s) is None
+@pytest.mark.parametrize("kind", [FINE, SECTORS])
+def test_pieces_of_a_wall_behind_others_that_fly_along_are_no_trunks(kind: ScanClass) -> None:
+    """They would go along with the eye: a vehicle thought that it stood, and dropped a true fix."""
+    wall: Line = ((-30.0, 4.0), (30.0, 4.0))
+    flight = Beside([wall], kind, (0.0, 0.0))
+    flight.run(1.5)
+    flight.along = [(n, 2.0) for n in (-3.4, -2.2, 1.4, 2.6)]
+    flight.run(6.0)
+    assert flight.motion.odometry.is_corrected(flight.now_s)
+    on_wall = [t for t in flight.motion.odometry.trunks if t.is_good and abs(t.east_m - 4.0) < 0.5]
+    assert on_wall == []
+    assert math.hypot(*flight.motion.odometry.shift_m) < 0.5
 
 
 def test_two_walls_that_cross_tell_all() -> None:
