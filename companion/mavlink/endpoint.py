@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import Any, Final, assert_never
 
 from companion.core.agent import Agent
-from companion.core.model.actions import Action, Ask, Say, SendBeacon, SendOdometry, VelocitySetpoint, brief
+from companion.core.model.actions import Action, Ask, Say, SendBeacon, SendOdometry, VelocitySetpoint
 from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import Answer, AutopilotMode, Event, LidarScan
 from companion.core.model.stand import StandMeasured
@@ -26,7 +26,7 @@ from companion.mavlink.framing import texts, wire
 from companion.mavlink.framing.frames import Framing, Incoming
 from companion.mavlink.framing.outbox import Outbox
 from companion.mavlink.framing.signing import Gate
-from companion.mavlink.harvest import GuardedSurvey, Payload, RecordLink, Survey, payload_place_of
+from companion.mavlink.harvest import GuardedPayload, GuardedSurvey, Payload, RecordLink, Survey
 from companion.mavlink.orders.book import OrderBook
 from companion.mavlink.orders.desk import open_desk
 from companion.mavlink.peers.guard import Guard, OpenGuard
@@ -112,7 +112,7 @@ class Endpoint:
         )
         self.sensors = SensorInputs(sensors, vehicle_id, sensor_streams)
         self.survey: Final = None if survey is None else GuardedSurvey(survey)
-        self._payload = payload
+        self.payload: Final = None if payload is None else GuardedPayload(payload)
         self.records: Final = records
         reception = reception_counts(mission, vehicle_id)
         fix_hz = receiver_hz(mission, vehicle_id)
@@ -305,25 +305,16 @@ class Endpoint:
                 self.records.append(kind, body, now_s)
         if survey is not None:
             self._to_say += survey.take_says()
-        if self._payload is not None and self.records is not None:
-            self._record_payload(self._payload, self.records, now_s)
+        payload = self.payload
+        if payload is not None and self.records is not None:
+            for kind, body in payload.take_records(self.agent, self.sensors.take_values, now_s):
+                self.records.append(kind, body, now_s)
+            self._to_say += payload.take_says()
         if self.records is not None:
             update = self.records.take_stand(leads=self.agent.swarm.election.role is Role.LEADER, now_s=now_s)
             if update is not None:
                 self.agent.receive(StandMeasured(update.basal_area_pct), now_s)
                 self._to_say += [Say(Severity.INFO, f"stand: {update.text}")] if update.text else []
-
-    def _record_payload(self, payload: Payload, records: RecordLink, now_s: float) -> None:
-        airborne = self.agent.flight.vehicle.airborne
-        try:
-            place = payload_place_of(self.agent, now_s)
-            for kind, body in payload.take_records(self.sensors.take_values(), place, now_s, airborne=airborne):
-                records.append(kind, body, now_s)
-        except Exception as error:  # noqa: BLE001  not swallowed: said; nothing is flown by it
-            self._payload = None
-            self._to_say.append(Say(Severity.WARNING, brief(f"payload: stopped: {type(error).__name__}: {error}")))
-            return
-        self._to_say += payload.take_says()
 
     def take_returns(self) -> list[bytes]:
         """Returns of stems that a survey has fitted, since last asked: for a file, where there is one."""

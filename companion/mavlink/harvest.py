@@ -1,6 +1,6 @@
 """Collaborators that an endpoint may have: a survey, which measures stems, a payload, and a link that keeps records.
 
-A vehicle flies without either: `GuardedSurvey` is the boundary at which an error of the survey ends.
+A vehicle flies without any: `Boundary` is where an error of survey or payload ends.
 """
 
 from __future__ import annotations
@@ -97,18 +97,49 @@ class Payload(Protocol):
 
 
 @final
-class GuardedSurvey:
-    """A survey behind the one boundary where its errors end: it stops for this flight, says so, and the flight goes on.
+class Boundary:
+    """The boundary at which an error of what steers nothing ends: it stops for this flight, which goes on.
 
-    Measuring steers nothing, and a process that ended over it would leave its vehicle to the autopilot. All that works
-    for the survey alone is called here, and none of it may be called past it.
+    A process that ended over it would leave its vehicle to the autopilot.
     """
+
+    def __init__(self, what: str) -> None:
+        """`what`: that is said to have stopped."""
+        self._what: Final = what
+        self._says: list[Say] = []
+        self.error = ""  # that stopped it, for the log; empty: it runs
+
+    def attempt(self, work: Callable[[], None]) -> None:
+        """Does it, unless an earlier one has failed."""
+        if self.error:
+            return
+        try:
+            work()
+        except Exception as error:  # noqa: BLE001  not swallowed: said and logged; the flight does not need it
+            raised = traceback.extract_tb(error.__traceback__)[-1]
+            place = f"{raised.filename.rpartition('/')[2]}:{raised.lineno} in {raised.name}"
+            self.error = f"{type(error).__name__}: {error} ({place})"
+            self._says.append(Say(Severity.WARNING, f"{self._what}: stopped by an error"))
+
+    def take_says(self) -> list[Say]:
+        """Words for the operator, since last asked."""
+        says, self._says = self._says, []
+        return says
+
+
+@final
+class GuardedSurvey:
+    """A survey behind its boundary: all that works for it alone is called here, and none of it past it."""
 
     def __init__(self, survey: Survey) -> None:
         self._survey: Final = survey
         self._pose: ScanPose | None = None  # of this tick
-        self._says: list[Say] = []
-        self.error = ""  # that stopped it, for the log; empty: it runs
+        self._boundary: Final = Boundary("survey")
+
+    @property
+    def error(self) -> str:
+        """The error that stopped it, for the log; empty: it runs."""
+        return self._boundary.error
 
     def begin_tick(self, agent: Agent, now_s: float) -> None:
         """Takes the pose, before the scans of this tick correct it."""
@@ -116,41 +147,60 @@ class GuardedSurvey:
         def take_pose() -> None:
             self._pose = scan_pose_of(agent, now_s)
 
-        self._attempt(take_pose)
+        self._boundary.attempt(take_pose)
 
     def integrate(self, scan: LidarScan, now_s: float) -> None:
         """A piece of a scan."""
         pose = self._pose
         if pose is not None:
-            self._attempt(lambda: self._survey.integrate(scan, pose, now_s))
+            self._boundary.attempt(lambda: self._survey.integrate(scan, pose, now_s))
 
     def take_records(self, now_s: float) -> list[tuple[int, bytes]]:
         """Once a tick, as `Survey` has it; none once it has stopped."""
         found: list[tuple[int, bytes]] = []
-        self._attempt(lambda: found.extend(self._survey.take_records(self._pose, now_s)))
+        self._boundary.attempt(lambda: found.extend(self._survey.take_records(self._pose, now_s)))
         return found
 
     def take_returns(self) -> list[bytes]:
         """As `Survey` has it."""
         found: list[bytes] = []
-        self._attempt(lambda: found.extend(self._survey.take_returns()))
+        self._boundary.attempt(lambda: found.extend(self._survey.take_returns()))
         return found
 
     def take_says(self) -> list[Say]:
         """Words for the operator, since last asked."""
-        says, self._says = self._says, []
-        return says
+        return self._boundary.take_says()
 
-    def _attempt(self, work: Callable[[], None]) -> None:
-        if self.error:
-            return
-        try:
-            work()
-        except Exception as error:  # noqa: BLE001  not swallowed: said and logged; the flight needs no survey
-            raised = traceback.extract_tb(error.__traceback__)[-1]
-            place = f"{raised.filename.rpartition('/')[2]}:{raised.lineno} in {raised.name}"
-            self.error = f"{type(error).__name__}: {error} ({place})"
-            self._says.append(Say(Severity.WARNING, "survey: stopped by an error"))
+
+@final
+class GuardedPayload:
+    """Records of other sensors behind their boundary."""
+
+    def __init__(self, payload: Payload) -> None:
+        self._payload: Final = payload
+        self._boundary: Final = Boundary("payload")
+
+    @property
+    def error(self) -> str:
+        """The error that stopped it, for the log; empty: it runs."""
+        return self._boundary.error
+
+    def take_records(
+        self, agent: Agent, values: Callable[[], Iterable[PayloadValue]], now_s: float
+    ) -> list[tuple[int, bytes]]:
+        """Once a tick, as `Payload` has it; none once it has stopped. `values`: those that have come since."""
+        found: list[tuple[int, bytes]] = []
+
+        def take_values() -> None:
+            place, airborne = payload_place_of(agent, now_s), agent.flight.vehicle.airborne
+            found.extend(self._payload.take_records(values(), place, now_s, airborne=airborne))
+
+        self._boundary.attempt(take_values)
+        return found
+
+    def take_says(self) -> list[Say]:
+        """Words for the operator, since last asked."""
+        return [*self._payload.take_says(), *self._boundary.take_says()]
 
 
 def scan_pose_of(agent: Agent, now_s: float) -> ScanPose | None:

@@ -85,7 +85,7 @@ class ChangeLogger:
         self._floods = FloodLog({**self._links, "peers' link": peers}, self._tell_flood)
         self._up = {of: link.up for of, link in self._links.items()}
         self._status = endpoint.agent.status(0.0)  # of the last tick
-        self._survey_ended = False
+        self._ended: set[str] = set()  # of what steers nothing
         self._leader: int | None = None
         self._foreign: frozenset[int] = frozenset()
         self._foreign_drivers: dict[str, frozenset[int]] = {}  # by the sensor's name
@@ -98,10 +98,10 @@ class ChangeLogger:
         """After each tick."""
         for say in said:
             self._log.line(now_s, f"{say.severity.name.lower()}: {say.text}")
-        survey = self._endpoint.survey
-        if survey is not None and survey.error and not self._survey_ended:
-            self._survey_ended = True
-            self._log.line(now_s, f"survey stopped, the flight goes on: {survey.error}")
+        for name, guarded in (("survey", self._endpoint.survey), ("payload", self._endpoint.payload)):
+            if guarded is not None and guarded.error and name not in self._ended:
+                self._ended.add(name)
+                self._log.line(now_s, f"{name} stopped, the flight goes on: {guarded.error}")
         before, self._status = self._status, self._endpoint.agent.status(now_s)
         if self._status.state is not before.state:
             self._log.line(now_s, f"state {before.state.name.lower()} -> {self._status.state.name.lower()}")

@@ -78,7 +78,8 @@ def records_path(given: str | None, log: str | None, mission: Mission, vehicle_i
 
 def open_returns(records: Path, opened: ExitStack, *, beside_loop: bool) -> tuple[ReturnsLog, Path]:
     """The log of returns beside a vehicle's `records`, and its file. `beside_loop`: as for these."""
-    file = ReturnsFile(records.with_suffix(SUFFIX))
+    path = records.with_suffix(SUFFIX)
+    file = ReturnsFile(records.with_name(records.name + SUFFIX) if path == records else path)
     if not beside_loop:
         return ReturnsLog(DirectReturns(file)), file.path
     writer = BesideLoop(file.write, "returns")

@@ -182,7 +182,7 @@ LEADS: dict[str, Keep] = {
     "_named": new(lambda _: set()),  # said to an operator, as the next
     "_news": new(lambda _: []),
     # All stand still here, and no time of a mission's is up: no leader gets lost, or nowhere.
-    "_phase": new(lambda _: SwarmPhase.ASSEMBLE),
+    "_bound": new(lambda _: (SwarmPhase.ASSEMBLE, 0)),
     "_way_ned_m": new(lambda _: []),
     "_left": new(lambda _: 0),
     "_moved_ned_m": new(lambda _: None),
@@ -233,7 +233,7 @@ CONSTANT: dict[type, Sequence[str]] = {
     Blocklist: ("_most",),
     Patience: (),
     LeadWatch: ("_apart_s", "_beacons", "_holds", "_limits_s", "_width_m"),
-    PhaseGate: ("_me", "_heard_s", "_durations_s", "_at_end", "_back_m", "may_turn_back"),
+    PhaseGate: ("_me", "_heard_s", "_lane_ways_s", "_durations_s", "_at_end", "_back_m", "may_turn_back"),
     Trust: (
         "_me",
         "_priorities",

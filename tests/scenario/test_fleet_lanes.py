@@ -10,6 +10,7 @@ from companion.core.model.events import StandMeasured
 from companion.core.model.states import Order, SwarmPhase
 from mission.document.model import Mission
 from mission.lanes.spread import PASS_M
+from tests.scenario.test_fleet_stops import east_north
 from tests.unit.core.core_fleet import Fleet
 from tests.unit.core.core_kit import mission
 
@@ -34,11 +35,6 @@ def fleet(flies: Mission) -> Fleet:
     swarm.order(1, Order.START)
     swarm.until("TRANSIT", limit_s=90.0)
     return swarm
-
-
-def east_north(swarm: Fleet, vehicle: int) -> tuple[float, float]:
-    north_m, east_m, _ = swarm.aircraft[vehicle].pos_ned_m
-    return east_m, north_m
 
 
 def fly(

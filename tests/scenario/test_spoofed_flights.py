@@ -122,7 +122,7 @@ def test_ranges_that_trunks_make_too_long_lead_nobody_astray(tmp_path: Path) -> 
 
 
 def test_beside_a_block_of_walls_a_true_fix_is_believed(tmp_path: Path) -> None:
-    """Ten along a block of 37.5 m: one took pieces of it for trunks, which slid along, dropped its fix, and met another."""
+    """Ten along a block of 37.5 m: one took pieces of it for trunks, dropped a true fix for it, and met another."""
     tables = swarmfuzz.mission_of(Case(swarmfuzz.UNATTACKED, 10, 1, swarmfuzz.ESTIMATES)).model_dump(by_alias=True)
     tables["sim"]["time_limit_s"] = 92.0
     outcome, shown = flown(Mission.model_validate(tables), tmp_path)

@@ -7,6 +7,7 @@ from typing import Final, final
 
 from companion.core.model.beacon import Beacon, PeerReport
 from companion.core.model.states import CLIMBING, STEERED
+from companion.core.model.vectors import norm
 from mission.common.frames import Vec3
 
 # Asked for every neighbour in every tick: in a tuple a member is found by identity, in a set by Enum's Python hash.
@@ -54,6 +55,20 @@ class Neighbour:
         self.share: Final = share  # of its beacons that arrives, 0..1
         # By a good radio it would count as silent: it may be, and hover where it is reckoned to be.
         self.is_overdue: Final = is_overdue
+
+    def at(self, rel_ned_m: Vec3, dest_ned_m: Vec3 | None) -> Neighbour:
+        """The same neighbour at another position, with the destination from here."""
+        return Neighbour(
+            self.beacon,
+            rel_ned_m,
+            dest_ned_m,
+            self.age_s,
+            self.vel_ned_mps,
+            norm(rel_ned_m),
+            self.late_s,
+            self.share,
+            self.is_overdue,
+        )
 
     @property
     def id(self) -> int:

@@ -88,6 +88,9 @@ class ObstaclePerception(ABC):
     def reckon_from(self, led_ne_m: tuple[float, float], reported: Position, turned_rad: float) -> None:
         """As `OwnMotion.reckon_from`, after `read_way` has told one."""
 
+    def reckon_anew(self) -> None:  # noqa: B027 - without a sensor nothing is reckoned
+        """As `OwnMotion.reckon_anew`."""
+
     def velocity_bias(self, otherwise: Vec3) -> Vec3:
         """True velocity less the one that the flight goes by, NED m/s; `otherwise`: as far as nothing seen tells it."""
         return otherwise
@@ -201,6 +204,10 @@ class SensingPerception(ObstaclePerception):
     def reckon_from(self, led_ne_m: tuple[float, float], reported: Position, turned_rad: float) -> None:
         """As `OwnMotion.reckon_from`."""
         self.motion.reckon_from(led_ne_m, reported, turned_rad)
+
+    def reckon_anew(self) -> None:
+        """As `OwnMotion.reckon_anew`."""
+        self.motion.reckon_anew()
 
     def velocity_bias(self, otherwise: Vec3) -> Vec3:
         """By the own motion."""

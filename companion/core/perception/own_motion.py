@@ -75,6 +75,10 @@ class OwnMotion:
         placed = self.odometry.correct_place(reported.pos_ned_m)
         self._shift_then_m = (placed[0] - led_ne_m[0], placed[1] - led_ne_m[1])
 
+    def reckon_anew(self) -> None:
+        """The next position is where the vehicle is: trunks correct the way from there on."""
+        self._shift_then_m = None
+
     def velocity_bias(self, otherwise: Vec3) -> Vec3:
         """True velocity less the one that the flight goes by; `otherwise`: what is known of it without trunks."""
         if self.velocity_bias_ne_mps is None or self._is_odometry:

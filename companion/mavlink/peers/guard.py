@@ -190,7 +190,7 @@ class SignedGuard:
         found = manifests.read_manifest(frame)
         if found is None:
             return False
-        if not self._is_due(sender, found[0], found[2], now_s):
+        if not self._is_due(sender, *found, now_s):
             return True
         stream = self._streams.get(sender)
         if stream is not None and stream.boot == found[0].boot and stream.is_known(found[0], now_s):
@@ -206,14 +206,14 @@ class SignedGuard:
     def boots(self) -> dict[int, int]:
         return {sender: stream.boot for sender, stream in self._streams.items()}
 
-    def _is_due(self, sender: int, manifest: Manifest, signature: bytes, now_s: float) -> bool:
+    def _is_due(self, sender: int, manifest: Manifest, signed: bytes, signature: bytes, now_s: float) -> bool:
         """Of a member, newer than the last that held, and none that was put off before."""
         if sender not in self._session.verifiers:
             self.refused["of no member"] += 1
             self._report_text(f"{name_of(sender)} is not of this fleet, or revoked: ignored", now_s)
             return False
         stream = self._streams.get(sender)
-        if stream is not None and manifest.boot == stream.boot and stream.has_heard(manifest, signature):
+        if stream is not None and manifest.boot == stream.boot and stream.has_heard(manifest, signed, signature):
             self.refused["repeated"] += 1
             return False
         if sender == self._session.me and manifest.boot == self._session.boot:

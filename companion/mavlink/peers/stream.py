@@ -98,7 +98,8 @@ class Stream:
         self.heard_s = now_s  # its last frame that was taken
         self.vouched = -1  # `last` of its newest manifest
         self.waiting: Waiting | None = None  # the newest manifest that told nothing new
-        self._put_off: deque[bytes] = deque(maxlen=HEARD_MAX)  # signatures of such: whoever repeats them tells nothing
+        # What was signed in such, and the signature: whoever repeats both tells nothing
+        self._put_off: deque[tuple[bytes, bytes]] = deque(maxlen=HEARD_MAX)
         # Of frames that manifests name, and of others: whoever makes one of those in its name silences none of these.
         self._marks = {True: Mark(mark, now_s), False: Mark(mark, now_s)}
         self._keys: dict[int, bytes] = {}  # by epoch
@@ -143,13 +144,13 @@ class Stream:
 
     def put_off(self, waiting: Waiting) -> None:
         """A manifest that `is_known`: its signature is checked if no newer one comes."""
-        self._put_off.append(waiting.signature)
+        self._put_off.append((waiting.signed, waiting.signature))
         if self.waiting is None or waiting.manifest.last > self.waiting.manifest.last:
             self.waiting = waiting
 
-    def has_heard(self, manifest: Manifest, signature: bytes) -> bool:
+    def has_heard(self, manifest: Manifest, signed: bytes, signature: bytes) -> bool:
         """A manifest that is not newer than the last that held, or was put off before."""
-        return manifest.last <= self.vouched or signature in self._put_off
+        return manifest.last <= self.vouched or (signed, signature) in self._put_off
 
     def vouch(self, manifest: Manifest, now_s: float) -> bool:
         """Its newest manifest. False: somebody else has made frames in its name."""

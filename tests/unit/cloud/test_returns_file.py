@@ -97,6 +97,12 @@ def test_a_disk_that_takes_nothing_is_said_once_and_again_when_it_does(tmp_path:
     assert len(read_returns(path)[0]) == 2
 
 
+def test_a_file_of_records_of_that_name_is_left_alone(tmp_path: Path) -> None:
+    with ExitStack() as opened:
+        _, path = open_returns(tmp_path / "mine.returns", opened, beside_loop=False)
+    assert path == tmp_path / "mine.returns.returns"
+
+
 def test_what_waits_for_a_slow_disk_is_bounded() -> None:
     class Slow:
         def submit(self, piece: object) -> bool:

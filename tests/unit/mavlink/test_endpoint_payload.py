@@ -72,7 +72,9 @@ def test_an_error_of_the_payload_stops_its_records_alone(monkeypatch: pytest.Mon
     def refuse(*_: object) -> None:
         raise ZeroDivisionError("nothing")
 
-    monkeypatch.setattr("companion.mavlink.endpoint.payload_place_of", refuse)
+    monkeypatch.setattr("companion.mavlink.harvest.payload_place_of", refuse)
     one = flown(Kept(), IN_AIR)
     said = [say.text for k in range(3) for say in one.tick(1.0 + 0.05 * k).said]
-    assert said.count("payload: stopped: ZeroDivisionError: nothing") == 1
+    assert said.count("payload: stopped by an error") == 1
+    assert one.payload is not None
+    assert one.payload.error.startswith("ZeroDivisionError: nothing (test_endpoint_payload.py:")

@@ -7,7 +7,8 @@ from dataclasses import replace
 from companion.keys.crypto import Verifier
 from companion.mavlink.framing import wire
 from companion.mavlink.peers.guard import CHECKS_MAX
-from companion.mavlink.peers.stream import CHECKED_S, PROVEN_S
+from companion.mavlink.peers.manifest import read_manifest
+from companion.mavlink.peers.stream import CHECKED_S, PROVEN_S, Waiting
 from tests.unit.core.core_kit import beacon, lease
 from tests.unit.mavlink.signing_kit import PERIOD_S, Node, beacon_frame, exchange, guard, keyring, met, seed
 from tests.unit.mavlink.test_signing import forged
@@ -159,6 +160,24 @@ def test_an_old_manifest_that_was_put_off_is_not_checked_when_one_is_due_again()
     assert verifier.count == 0
     two.receive(one.send(now_s + CHECKED_S), now_s + CHECKED_S)
     assert verifier.count == 1
+
+
+def test_a_genuine_signature_under_another_body_keeps_no_genuine_manifest_out() -> None:
+    """A member puts it there: who has not had the genuine one yet would take that for a repetition."""
+    one, two, _, now_s = after_a_check()
+    frames: list[bytes] = []
+    while len(frames) < 2:
+        frames = one.send(now_s)
+        two.receive(frames[:1], now_s)
+        now_s = round(now_s + PERIOD_S, 6)
+    stream = two.guard._streams[1]
+    found = read_manifest(frames[1])
+    assert found is not None
+    manifest, signed, signature = found
+    stream.put_off(Waiting(replace(manifest, first=manifest.first - 1), signed + b"x", signature, now_s))
+    assert not stream.has_heard(manifest, signed, signature)
+    two.receive(frames[1:], now_s)
+    assert stream.has_heard(manifest, signed, signature)
 
 
 def test_a_manifest_that_comes_late_takes_no_newer_ones_place() -> None:

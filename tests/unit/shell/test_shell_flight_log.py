@@ -122,6 +122,7 @@ def watched(
         sensors=SensorInputs((), 3, {}),
         records=None,
         survey=None,
+        payload=None,
         agent=Agent(mission(), 3),
     )
     link: Any = SimpleNamespace(up=True, errors=0, lost=0)

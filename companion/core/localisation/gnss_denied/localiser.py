@@ -21,7 +21,7 @@ from companion.core.model.beacon import Beacon, PeerReport, RelativeReport
 from companion.core.model.events import HeardBeacon, Position, Ranges, Satellites
 from companion.core.model.neighbour import Neighbour, find_hover_places
 from companion.core.model.states import FlightState, LandedState, Role, Severity
-from companion.core.model.vectors import ZERO, add, limit, norm, scale, sub
+from companion.core.model.vectors import ZERO, add, limit, scale, sub
 from companion.core.vehicle.failsafe import Cause
 from mission.common.frames import Vec3
 from mission.document.model import Mission
@@ -175,17 +175,7 @@ class GnssDeniedLocaliser(Localiser):
         dest = heard.beacon.dest_ned_m
         if dest is not None:  # it has come nearer to it since
             dest = add(there, sub(dest, scale(heard.vel_ned_mps, heard.age_s + heard.late_s)))
-        return Neighbour(
-            heard.beacon,
-            near,
-            dest,
-            heard.age_s,
-            heard.vel_ned_mps,
-            norm(near),
-            heard.late_s,
-            heard.share,
-            heard.is_overdue,
-        )
+        return heard.at(near, dest)
 
     def update_position_quality(self, now_s: float, *, role: Role) -> None:
         """By the receiver, and by how far dead reckoning may be off."""

@@ -296,12 +296,7 @@ class RangingLocaliser:
 
     def scale_to_range(self, vehicle: int, rel_ned_m: Vec3, now_s: float) -> Vec3:
         """A silent vehicle's position by odometry, as near as the own radio measures: a range makes none farther."""
-        north, east, down = rel_ned_m
-        kept_m, measured_m = math.hypot(north, east), self._own_ranges.level_m(vehicle, down, now_s)
-        if measured_m >= kept_m or kept_m < 0.1:
-            return rel_ned_m
-        share = measured_m / kept_m
-        return (share * north, share * east, down)
+        return self._own_ranges.bring_near(vehicle, rel_ned_m, now_s)
 
     def _dead_reckon_peer(self, vehicle: int, down_m: float, now_s: float) -> tuple[Vec3, Vec3] | None:
         """As `locate_peer`, of one that is not in the filter: as far as its range says, to where odometers have it."""

@@ -155,10 +155,9 @@ class OwnPosition:
             return
         there = (flown.pos_ned_m[0] - off[0], flown.pos_ned_m[1] - off[1])
         off = (gated.pos_ned_m[0] - there[0], gated.pos_ned_m[1] - there[1])
+        self._perception.reckon_anew()
         if astray is None:
             self._seen_s = now_s
-            if self._perception.read_way(gated, now_s) is not None:
-                self._perception.reckon_from(there, gated, 0.0)
         else:
             drift = (drift[0] + astray.drift_ne_mps[0], drift[1] + astray.drift_ne_mps[1])
         self._astray = _Astray(now_s, off, drift, (drift[0], drift[1], 0.0))

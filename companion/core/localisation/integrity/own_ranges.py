@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Final, final
 
+from mission.common.frames import Vec3
+
 FRESH_S: Final = 0.3  # a range that is older says nothing of how near a neighbour is now
 TELLS_MAX: Final = 16  # ranges in a beacon
 MEASURED_S: Final = 5.0  # nobody takes off whose radio has not measured for longer: five ranges of the slowest radio
@@ -39,6 +41,18 @@ class OwnRanges:
         metres, measured_s = self._newest.get(vehicle, (0.0, -1e9))
         fresh = now_s - measured_s <= within_s and metres > abs(down_m)
         return math.sqrt(metres * metres - down_m * down_m) if fresh else math.inf
+
+    def bring_near(self, vehicle: int, rel_ned_m: Vec3, now_s: float, slack_m: float = 0.0) -> Vec3:
+        """A vehicle's position, in its direction at most `slack_m` farther off, level, than was measured lately.
+
+        A range makes none farther: the same object comes back where it would.
+        """
+        north, east, down = rel_ned_m
+        told_m, most_m = math.hypot(north, east), self.level_m(vehicle, down, now_s) + slack_m
+        if most_m >= told_m:
+            return rel_ned_m
+        share = most_m / told_m
+        return (share * north, share * east, down)
 
     def has_measured(self, now_s: float) -> bool:
         """It has measured a range lately, to whomever."""

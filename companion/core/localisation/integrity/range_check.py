@@ -5,7 +5,8 @@ are wrong at once, in the way in which they would be from another place. That pl
 (each neighbour counts TRUNCATED at most, so one that lies about its own place moves nobody else), and explains what the
 reported one does not: ALARM squared sigmas more, of at least two neighbours. So three must be measured, and of three
 two may be at the right distance by chance; five and more tell soon. On which side it is may stay open, as where all
-others fly in one line: then no place is told, only by how much it may be off.
+others fly in one line: then no place is told, only by how much it may be off. A place rests on others' words: of these
+one may be false, two that lie alike may not. Whoever goes by it leads no more, and holds.
 
 Whatever is wrong, and with whom: a range brings a neighbour nearer than it reports, and none farther.
 """
@@ -21,7 +22,6 @@ from companion.core.localisation.integrity.own_ranges import OwnRanges
 from companion.core.model.beacon import RangeTo
 from companion.core.model.displaced import Displaced
 from companion.core.model.neighbour import Neighbour
-from companion.core.model.vectors import norm
 from mission.common.frames import Vec3
 
 Level = tuple[float, float]  # north, east
@@ -67,29 +67,11 @@ class RangeCheck:
     def bring_near(self, neighbour: Neighbour, now_s: float) -> Neighbour:
         """A neighbour as near as it may be."""
         rel = self.near_ned_m(neighbour.id, neighbour.rel_ned_m, now_s)
-        if rel is neighbour.rel_ned_m:
-            return neighbour
-        return Neighbour(
-            neighbour.beacon,
-            rel,
-            neighbour.dest_ned_m,
-            neighbour.age_s,
-            neighbour.vel_ned_mps,
-            norm(rel),
-            neighbour.late_s,
-            neighbour.share,
-            neighbour.is_overdue,
-        )
+        return neighbour if rel is neighbour.rel_ned_m else neighbour.at(rel, neighbour.dest_ned_m)
 
     def near_ned_m(self, vehicle: int, rel_ned_m: Vec3, now_s: float) -> Vec3:
         """The place where a vehicle is told to be, at most NEAR_M farther off than it was measured lately."""
-        north, east, down = rel_ned_m
-        told_m = math.hypot(north, east)
-        most_m = self._ranges.level_m(vehicle, down, now_s) + NEAR_M
-        if most_m >= told_m:
-            return rel_ned_m
-        share = most_m / told_m
-        return (share * north, share * east, down)
+        return self._ranges.bring_near(vehicle, rel_ned_m, now_s, NEAR_M)
 
     def update(self, neighbours: Sequence[Neighbour], now_s: float) -> None:
         """Sets `displaced`. `neighbours`: as they are told to be."""

@@ -42,6 +42,7 @@ class LeadWatch:
     __slots__ = (
         "_apart_s",
         "_beacons",
+        "_bound",
         "_holds",
         "_left",
         "_limits_s",
@@ -49,7 +50,6 @@ class LeadWatch:
         "_moved_s",
         "_named",
         "_news",
-        "_phase",
         "_unled_s",
         "_usurpers",
         "_way_ned_m",
@@ -66,7 +66,7 @@ class LeadWatch:
         self._unled_s = -math.inf  # when it had no leader last, or a claim
         self._named: set[int] = set()  # in a word for the operator, once
         self._news: list[tuple[int, str]] = []
-        self._phase = SwarmPhase.ASSEMBLE
+        self._bound = (SwarmPhase.ASSEMBLE, 0)  # phase and visit
         # Where it was when the swarm left d1, and where it was told then, and at each tree, that the way leads.
         self._way_ned_m: list[Vec3] = []
         self._left = 0  # periods beside the way
@@ -136,11 +136,11 @@ class LeadWatch:
 
         `dest_ned_m`: the vector to d2, or the visit before it, as it is told: never the mission's (rule 5).
         """
-        phase = phases.phase
-        if self._moved_ned_m is None or math.dist(pos_ned_m, self._moved_ned_m) > MOVED_M or phase is not self._phase:
+        phase, is_new = phases.phase, (phases.phase, phases.stop) != self._bound
+        if self._moved_ned_m is None or math.dist(pos_ned_m, self._moved_ned_m) > MOVED_M or is_new:
             self._moved_ned_m, self._moved_s = pos_ned_m, now_s
         self._note_way(pos_ned_m, dest_ned_m, phases, now_s)
-        self._phase = phase
+        self._bound = (phase, phases.stop)
         if not follows or not phases.saw_begin:
             self._left, self._moved_s = 0, now_s
             return ""

@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final, final
 
 from companion.core.model.beacon import Beacon
 from companion.core.model.states import SwarmPhase
-from companion.core.swarm.phases import STUCK_LAND_S, Phases, progress_of
+from companion.core.swarm.phases import LANE_GIVE_UP_S, STUCK_LAND_S, Phases, progress_of
 from mission.common.frames import Vec3
 from mission.document.model import AtEnd, Mission, PositionUncertain
 
@@ -55,6 +56,7 @@ class PhaseGate:
         "_farthest_m",
         "_from_ned_m",
         "_heard_s",
+        "_lane_ways_s",
         "_me",
         "_pos_ned_m",
         "_words",
@@ -67,6 +69,12 @@ class PhaseGate:
         until = None if mission.survey is None else mission.survey.until
         most_s = math.inf if until is None else until.after_s  # from then on a leader may know the stand well enough
         self._durations_s: Final = [min(visit.duration_s, most_s) for visit in mission.visits]
+        # The least time on the way to each lane's end, in a straight line, at full speed; a leader may give it up
+        near_m, speed_mps = 2.0 * mission.route.arrival_distance_m, mission.limits.speed_max_mps
+        self._lane_ways_s: Final = [
+            min(LANE_GIVE_UP_S, max(0.0, math.dist(here, there) - near_m) / speed_mps)
+            for here, there in pairwise(mission.way_enu_m)
+        ]
         self._at_end: Final = mission.route.at_end
         self._back_m: Final = mission.radio.full_range_m  # a straggler is landed where it hears of it
         vehicles = range(1, mission.swarm.size + 1)
@@ -129,11 +137,9 @@ class PhaseGate:
         match phases.phase, phase:
             case SwarmPhase.GATHER, SwarmPhase.LAND:
                 return since_s >= EARLY_SHARE * phases.gather_limit_s
-            case (
-                SwarmPhase.TRANSIT,
-                SwarmPhase.TRANSIT,
-            ):  # a lane's end has been passed, or the other lanes are left out
-                return stop == phases.stop + 1 or phases.may_skip_lanes(phases.stop)
+            case (SwarmPhase.TRANSIT, SwarmPhase.TRANSIT):
+                skips = stop + 1 == len(self._durations_s) and phases.may_skip_lanes(phases.stop)
+                return skips or self._may_pass(stop, phases.stop, since_s)
             case (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE):
                 return not phases.is_passed(stop)
             case (SwarmPhase.TRANSIT, SwarmPhase.RETURN):
@@ -154,6 +160,10 @@ class PhaseGate:
         return phases.is_step(beacon.phase, beacon.stop) and not self.is_possible(
             beacon.phase, beacon.stop, phases, now_s
         )
+
+    def _may_pass(self, stop: int, at_stop: int, since_s: float) -> bool:
+        """It may go on from a lane's end: whoever leads has had the time to fly there."""
+        return stop == at_stop + 1 and since_s >= EARLY_SHARE * self._lane_ways_s[at_stop] - EARLY_S
 
     def _may_leave(self, phase: SwarmPhase, stop: int, at_stop: int, since_s: float) -> bool:
         """It may go on from a tree."""

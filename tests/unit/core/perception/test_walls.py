@@ -168,6 +168,20 @@ def test_pieces_of_a_wall_behind_others_that_fly_along_are_no_trunks(kind: ScanC
     assert math.hypot(*flight.motion.odometry.shift_m) < 0.5
 
 
+@pytest.mark.parametrize("anew", [True, False])
+def test_a_second_place_that_ranges_tell_is_flown_by_beside_a_wall(anew: bool) -> None:
+    """Else the jump of what is reported is taken for an estimator's, and off again."""
+    flight = Beside([((-20.0, 4.0), (20.0, 4.0))], FINE, (0.0, 0.0))
+    flight.run(3.0)
+    motion, north = flight.motion, flight.told_m[0]
+    for k in range(4):
+        place = Position((north + (5.0 if k > 1 else 0.0), 0.0, -4.0), ZERO, flight.now_s + 0.05 * k)
+        if k == 2 and anew:
+            motion.reckon_anew()
+        flown = motion.receive_position(place, flight.now_s + 0.05 * k, reckons=True)
+    assert flown.pos_ned_m[0] == pytest.approx(north + (5.0 if anew else 0.0), abs=0.3)
+
+
 def test_two_walls_that_cross_tell_all() -> None:
     flight = Beside([((-20.0, 4.0), (20.0, 4.0)), ((5.0, -10.0), (5.0, 4.0))], FINE, (0.3, -0.3))
     flight.run(4.0)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from companion.core.model.states import SwarmPhase
 from companion.core.swarm.phases import LANE_GIVE_UP_S, LANE_WAIT_S, STUCK_LAND_S, Phases
-from companion.core.swarm.trust.phase_gate import PhaseGate
+from companion.core.swarm.trust.phase_gate import EARLY_S, EARLY_SHARE, PhaseGate
 from mission.document.model import Mission
 from mission.lanes.spread import PASS_M
 from tests.unit.core.core_kit import mission
@@ -142,4 +144,26 @@ def test_a_follower_believes_the_next_end_and_that_lanes_are_left_out_once_the_f
     phases.adopt_phase(T, START_S, at)
     phases.saw_begin = True
     assert phases.is_step(phase, stop) is step
-    assert (step and gate.is_possible(phase, stop, phases, START_S)) is possible
+    assert (step and gate.is_possible(phase, stop, phases, START_S + LANE_GIVE_UP_S)) is possible
+
+
+# Along a lane: its turns are too short here to be bounded
+@pytest.mark.parametrize(("flies", "at"), [(LANES, 1), (LANES, 3), (UNTIL, 1)])
+def test_no_end_is_passed_before_a_leader_could_have_flown_there(flies: Mission, at: int) -> None:
+    """A leader that lies would have all lanes behind it within a second."""
+    phases, gate = Phases(flies), PhaseGate(flies, 2)
+    phases.adopt_phase(T, START_S, at)
+    phases.saw_begin = True
+    way_m = math.dist(*flies.way_enu_m[at : at + 2]) - 2.0 * ARRIVAL_M
+    least_s = EARLY_SHARE * way_m / flies.limits.speed_max_mps - EARLY_S
+    assert least_s > 0.0
+    assert not gate.is_possible(T, at + 1, phases, START_S + least_s - 0.01)
+    assert gate.is_possible(T, at + 1, phases, START_S + least_s + 0.01)
+
+
+def test_an_end_that_is_given_up_is_possible_however_far_it_is() -> None:
+    far = surveys(area_enu_m=[[2000.0, -10.0], [2040.0, -10.0], [2040.0, 10.0], [2000.0, 10.0]])
+    phases, gate = Phases(far), PhaseGate(far, 2)
+    phases.adopt_phase(T, START_S, 0)
+    phases.saw_begin = True
+    assert gate.is_possible(T, 1, phases, START_S + LANE_GIVE_UP_S)

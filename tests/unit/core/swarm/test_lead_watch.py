@@ -6,7 +6,7 @@ import pytest
 
 from companion.core.model.states import SwarmPhase
 from companion.core.model.vectors import add
-from companion.core.swarm.phases import STUCK_LAND_S, TOO_FEW_LAND_S, Phases
+from companion.core.swarm.phases import LANE_GIVE_UP_S, STUCK_LAND_S, TOO_FEW_LAND_S, Phases
 from companion.core.swarm.trust.lead_watch import (
     APART_PERIODS,
     CORRIDOR_M,
@@ -20,6 +20,7 @@ from mission.common.frames import Vec3
 from mission.document.model import Mission
 from tests.unit.core.core_election_kit import follower_of, leader_of_long_standing, step
 from tests.unit.core.core_kit import beacon, lease, mission
+from tests.unit.core.swarm.test_lane_phases import LANES
 
 pytestmark = pytest.mark.sources
 
@@ -131,6 +132,18 @@ def test_leader_has_the_missions_times_and_a_minute(phase: SwarmPhase, limit_s: 
         watch.find_fault(START, FIRST, phases, 0.0, follows=True)
     assert watch.find_fault(START, None, phases, limit_s, follows=True) == ""
     assert watch.find_fault(START, None, phases, limit_s + 0.1, follows=True) == words
+
+
+def test_a_leader_barred_at_two_ends_of_lanes_has_its_time_at_each() -> None:
+    """It gives up the one after 90 s, and lands the swarm after 120 s before the other."""
+    watch, phases = LeadWatch(LANES), Phases(LANES)
+    for one in (SwarmPhase.GATHER, SwarmPhase.TRANSIT):
+        phases.adopt_phase(one, 0.0)
+        watch.find_fault(START, FIRST, phases, 0.0, follows=True)
+    assert watch.find_fault(START, None, phases, LANE_GIVE_UP_S, follows=True) == ""
+    phases.adopt_phase(SwarmPhase.TRANSIT, LANE_GIVE_UP_S, 1)
+    for ended_s in (LANE_GIVE_UP_S + 0.1, LANE_GIVE_UP_S + STUCK_LAND_S):
+        assert watch.find_fault(START, None, phases, ended_s, follows=True) == ""
 
 
 @pytest.mark.parametrize(("moved_m", "stays"), [(4.9, True), (5.1, False)])
