@@ -87,6 +87,16 @@ def test_a_position_that_jumps_to_a_fix_does_not_move_the_odometer_but_the_place
     assert flown.worst_m < 0.003
 
 
+def test_good_fixes_alone_tell_where_the_odometer_is_in_the_missions_frame() -> None:
+    flown = Flown()
+    flown.fly(5.0)
+    assert flown.place.told_off_ne_m(flown.now_s) == (0.0, 0.0)
+    flown.fly(5.0, POOR)
+    assert flown.place.told_off_ne_m(flown.now_s) is None
+    flown.fly(1.0, NONE)
+    assert flown.place.told_off_ne_m(flown.now_s) is None
+
+
 def test_after_a_long_gap_a_fix_counts_at_once_and_after_a_short_one_little() -> None:
     moved = []
     for gap_s in (2.0, 300.0):

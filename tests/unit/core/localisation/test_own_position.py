@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import pytest
 
 from companion.core.localisation.gnss_localiser import GnssLocaliser
-from companion.core.localisation.integrity.own_position import OwnPosition
+from companion.core.localisation.integrity.own_position import OwnPosition, _Astray
 from companion.core.localisation.integrity.range_check import RangeCheck
 from companion.core.model.actions import SendBeacon
 from companion.core.model.beacon import PeerReport
@@ -210,15 +210,19 @@ def test_on_the_ground_ranges_move_nothing() -> None:
     assert one.own.receive(told, one.now_s + DT_S, airborne=False, commanded_ned_mps=ZERO) is told
 
 
-def test_an_open_side_takes_no_place_back_that_is_known() -> None:
+def test_an_open_side_takes_no_way_back_that_velocities_tell() -> None:
+    """Its position has left its velocity, by which it goes: ranges that leave the side open say only how far off."""
     one = Flown()
     one.sight.sees = False
-    one.fly(10.0, 0.3)
-    ranged(one, 3.0, 0.0)
-    one.fly(2 * DT_S, 0.3)
+    one.fly(1.0)
+    way_m = one.own._way.ne_m
+    north, east, _ = one.told.pos_ned_m
+    one.own._astray = _Astray(one.now_s, (0.0, 0.0), (0.0, 0.0), ZERO, (north - way_m[0], east - way_m[1]))
     check = RangeCheck(1, 5)
     check.displaced = Displaced((0.0, 0.0), (0.0, 0.0), 5.0)
     one.localiser._check = check
-    one.fly(2 * DT_S, 0.3)
+    one.fly(2 * DT_S)
+    one.off_m = 2.5  # the position leaves it on
+    one.fly(DT_S)
     assert one.flown.pos_ned_m[0] == pytest.approx(0.0, abs=0.1)
     assert one.own.error_m(one.now_s) >= 5.0
