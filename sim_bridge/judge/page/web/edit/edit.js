@@ -15,7 +15,6 @@ const TOOLS = [["move", "Move"], ["d1", "d1"], ["stop", "Stop"], ["d2", "d2"], [
 const TITLES = { move: "Move points, corners and the map", d1: "Place d1, where the swarm starts", stop: "Add a stop on the way", d2: "Place d2, the tree to visit", fence: "Add corners of the fence" };
 
 let stand = null;
-let selected = null;
 
 const button = (text, act, more = {}) => el("button", { type: "button", onclick: act, ...more }, text);
 const file = el("h1", {}, "Mission");
@@ -140,10 +139,9 @@ function removed(handle) {
 }
 
 function chosen(handle) {
-  selected = handle;
   map.selected = handle;
   map.draw();
-  if (client.state) showPlaces(client.state);
+  places.choose(handle?.point);
 }
 
 function hovered(at) {
@@ -241,16 +239,13 @@ function show(state) {
   form.show(state.fields, reasons);
   map.accused = accused;
   map.bad = new Set(reasons.keys());
-  showPlaces(state, reasons);
+  places.show(pointsOf(state.values), reasons);
+  places.choose(map.selected?.point);
   map.update(state, stand);
   use(map.tool);
   if (flying.flight) flying.show(flying.flight, state.revision);
   if (state.stand !== stand?.number) loadStand(state.stand);
   document.documentElement.dataset.revision = state.revision;
-}
-
-function showPlaces(state, reasons = reasonsOf(state).reasons) {
-  places.show(pointsOf(state.values), reasons, selected);
 }
 
 function showProblems(state) {

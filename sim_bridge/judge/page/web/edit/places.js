@@ -15,7 +15,7 @@ export class Places {
     this.rows = new Map(); // by name
   }
 
-  show(points, reasons, selected) {
+  show(points, reasons) {
     const names = points.map(({ name }) => name);
     if (names.join() !== [...this.rows.keys()].join()) this.build(points);
     for (const { name, enu } of points) {
@@ -25,9 +25,13 @@ export class Places {
       shown.known = enu !== null;
       explain(inputs[0], why, reasons.get(name) ?? []);
       why.closest("tr").hidden = why.hidden;
-      row.classList.toggle("chosen", selected?.point === name);
       row.classList.toggle("bad", !why.hidden);
     }
+  }
+
+  // That point's row is marked. No numbers are shown anew: what has just been typed may not be answered yet.
+  choose(point) {
+    for (const [name, { row }] of this.rows) row.classList.toggle("chosen", name === point);
   }
 
   build(points) {
