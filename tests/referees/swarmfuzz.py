@@ -23,6 +23,7 @@ MISSIONS: Final = range(1, 4)
 ATTACKS: Final = (1, 2)  # of each mission, size and distance
 ESTIMATES: Final = "exact"  # so that what goes wrong is the attack's
 UNATTACKED: Final = "no attack"
+RADIOS: Final = ", range radios"  # at the end of a case's name: each vehicle measures how far its neighbours are
 DRIFT_MPS: Final = 0.5  # how fast the position is led astray
 BEGINS_S: Final = (0.0, 20.0)  # after the swarm has left d1: before or beside the obstacle
 TABLES: Final[dict[str, Any]] = {
@@ -36,17 +37,19 @@ TABLES: Final[dict[str, Any]] = {
 
 
 def cases() -> list[Case]:
-    """Of each size and mission one flight without an attack, and the attacks: `5 m, attack 1`."""
+    """Of each size and mission one flight without an attack and the attacks, `5 m, attack 1`; with range radios too."""
     attacks = [f"{spoofed_m:g} m, attack {number}" for number in ATTACKS for spoofed_m in SPOOFED_M]
-    return [Case(name, n, seed, ESTIMATES) for seed in MISSIONS for n in SIZES for name in (UNATTACKED, *attacks)]
+    names = [name + radios for radios in ("", RADIOS) for name in (UNATTACKED, *attacks)]
+    return [Case(name, n, seed, ESTIMATES) for seed in MISSIONS for n in SIZES for name in names]
 
 
 def attack_of(case: Case) -> tuple[int, list[dict[str, Any]]]:
     """The vehicle that is attacked, and its faults: it is led to a side, and kept there."""
-    if case.name == UNATTACKED:
+    name = case.name.removesuffix(RADIOS)
+    if name == UNATTACKED:
         return 0, []
-    spoofed_m, number = float(case.name.split()[0]), int(case.name.split()[-1])
-    rng = random.Random(f"{case.seed} {case.n} {number}")  # the same attack by 5 and by 10 m
+    spoofed_m, number = float(name.split()[0]), int(name.split()[-1])
+    rng = random.Random(f"{case.seed} {case.n} {number}")  # the same attack by 5 and by 10 m, with radios and without
     target, side, at_s = rng.randint(1, case.n), rng.choice((-1.0, 1.0)), rng.uniform(*BEGINS_S)
     fault = {"kind": "gnss-drift", "vehicles": [target], "phase": "transit"}
     led = {**fault, "at_s": at_s, "drift_mps": (0.0, side * DRIFT_MPS)}
@@ -56,8 +59,9 @@ def attack_of(case: Case) -> tuple[int, list[dict[str, Any]]]:
 
 def mission_of(case: Case) -> Mission:
     """What it flies."""
+    tables = {**TABLES, "ranging": {}} if case.name.endswith(RADIOS) else TABLES
     sim = {"seed": case.seed, "estimates": case.estimates, "time_limit_s": 300.0, "faults": attack_of(case)[1]}
-    return Mission.model_validate({**TABLES, "swarm": {"size": case.n}, "sim": sim}).with_origin(DEFAULT_ORIGIN)
+    return Mission.model_validate({**tables, "swarm": {"size": case.n}, "sim": sim}).with_origin(DEFAULT_ORIGIN)
 
 
 def fly_attack(case: Case) -> Row:

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from scipy.stats import binomtest
 
 from tests.referees.referee import Row, words_of
-from tests.referees.swarmfuzz import UNATTACKED
+from tests.referees.swarmfuzz import RADIOS, UNATTACKED
 
 TITLE = "SwarmFuzz's attack"
 THEIRS = "48.8 % (mean of all its settings)"
 
 
 def section(flights: Sequence[Row], commit: str) -> str:
-    """Its markdown: a row for each distance and size."""
+    """Its markdown: a row for each distance and size, those with range radios behind the others."""
     lines = [
         f"## {TITLE}",
         "",
@@ -30,19 +30,27 @@ def section(flights: Sequence[Row], commit: str) -> str:
     ]
     alike: dict[tuple[str, int], list[Row]] = {}
     for row in flights:
-        alike.setdefault((row["name"].split(",")[0], row["n"]), []).append(row)
-    order = sorted(alike, key=lambda found: (found[0] != UNATTACKED, len(found[0]), found))
-    lines += [_line(spoofed, str(n), alike[spoofed, n]) for spoofed, n in order]
-    attacked = [row for row in flights if row["name"] != UNATTACKED]
-    if attacked:
-        lines.append(_line("all attacks", words_of(attacked, "n"), attacked))
+        alike.setdefault((_spoofed(row), row["n"]), []).append(row)
+    for radios in ("", RADIOS):
+        found = [key for key in alike if key[0].endswith(RADIOS) == bool(radios)]
+        for spoofed, n in sorted(found, key=lambda key: (not key[0].startswith(UNATTACKED), len(key[0]), key)):
+            lines.append(_line(spoofed, str(n), alike[spoofed, n]))
+        attacked = [row for key in found if not key[0].startswith(UNATTACKED) for row in alike[key]]
+        if attacked:
+            lines.append(_line(f"all attacks{radios}", words_of(attacked, "n"), attacked))
     return "\n".join(lines) + "\n"
+
+
+def _spoofed(row: Row) -> str:
+    """`5 m`, `5 m, range radios`, `no attack`."""
+    name = str(row["name"])
+    return name.split(",")[0] + (RADIOS if name.endswith(RADIOS) else "")
 
 
 def _line(spoofed: str, n: str, rows: Sequence[Row]) -> str:
     missions: dict[tuple[str, int, int], bool] = {}
     for row in rows:
-        mission = (row["name"].split(",")[0], row["n"], row["seed"])
+        mission = (_spoofed(row), row["n"], row["seed"])
         missions[mission] = missions.get(mission, False) or row["grade"] == "others"
     hit = sum(missions.values())
     interval = binomtest(hit, len(missions)).proportion_ci(method="wilson")
