@@ -166,6 +166,11 @@ class ExternalFlight:
                     self._autopilots.land(vehicle_id)
         return waited_for
 
+    def landings_unsaid(self) -> list[int]:
+        """Vehicles whose companions still say that they land: each has yet to hear that it is down, and to say so."""
+        said = self._hub.transmitter.said
+        return [k for k in sorted(self._running) if k in said and said[k].flight_state == FlightState.LANDING]
+
     def note_left_behind(self) -> None:
         """Name the vehicles in the air, or armed, without a companion or an autopilot that speaks."""
         for vehicle_id, heard in self._autopilots.telemetry.items():

@@ -31,6 +31,7 @@ from sim_bridge.judge.progress import Progress
 HEARD_LIMIT_S = 60.0  # from start to an autopilot's first heartbeat
 POSITION_LIMIT_S = 120.0  # ... to its position: ArduPilot's estimator takes 42 s
 LAND_LIMIT_S = 120.0
+SAID_LIMIT_S = 2.0  # from all being down until their companions have said so
 TRUTH_LIMIT_S = 3.0  # ... to a simulator's truth, when all else is there; hardware tells none
 
 
@@ -141,6 +142,9 @@ def _land(flight: ExternalFlight, progress: Progress) -> None:
                 break
             flight.step()
             flight.show(progress)
+        down_s = flight.now_s
+        while flight.landings_unsaid() and flight.now_s - down_s <= SAID_LIMIT_S:
+            flight.step()
     except KeyboardInterrupt:
         aloft = flight.order_land()
     no_more_interrupts()
