@@ -25,7 +25,7 @@ def surveys(size: int, at_end: str = "land", covers_s: float = 0.0, **survey: An
         swarm={"size": size},
         coverage={"duration_s": covers_s},
         sensing={"sensor": "scan-1deg", "range_m": 8.0},
-        survey={"area_enu_m": AREA, "lane_m": 15.0, **survey},
+        survey={"area_enu_m": AREA, "lane_m": 15.0 if size == 1 else 10.0, **survey},
     )
 
 
