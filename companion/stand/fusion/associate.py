@@ -14,7 +14,7 @@ import numpy as np
 from companion.stand.fusion.adjustment import Solution, knots_of, solve_positions
 from companion.stand.fusion.clusters import Clusters
 from companion.stand.fusion.register import SPREAD_M, Constellation, register_stems
-from companion.stand.fusion.windows import CORRELATION_S, Columns, Ints, knot_spacing_s, windows_of
+from companion.stand.fusion.windows import DRIFT_M, Columns, Ints, knot_spacing_s, windows_of
 
 MAX_ROUNDS: Final = 8  # of assignment and adjustment: three or four do
 START_SD_M: Final = 0.15  # of an observation, besides, before frames are adjusted
@@ -73,14 +73,15 @@ def _start_log(columns: Columns, own: Ints, windows: list[Ints], stems: Clusters
     A window alone may fit a wrong constellation, and those after it follow; a whole log does not.
     """
     known = stems.known()
-    frame_sd_m = float(np.median(columns.frame_sd_m[own]))
-    wander_m = WANDER * frame_sd_m
+    log, frame_sd_m = int(columns.log[own[0]]), float(np.median(columns.frame_sd_m[own]))
+    correlation_s = float(columns.correlation_s[log])
+    wander_m = WANDER * frame_sd_m if columns.shifts[log] is None else DRIFT_M
     whole = Constellation(columns.pos_m[own], columns.dbh_m[own], stems.dbh_sd_m[own])
     usual_m = register_stems(whole, frame_sd_m, known, float(np.hypot(SPREAD_M, wander_m))).shift_m
     last_s, error_m, sd_m = -np.inf, usual_m, wander_m
     for window in windows:
         time_s = float(columns.time_s[window].mean())
-        decay = float(np.exp(-(time_s - last_s) / CORRELATION_S))
+        decay = float(np.exp(-(time_s - last_s) / correlation_s))
         error_m = usual_m + decay * (error_m - usual_m)
         sd_m = float(np.sqrt((decay * sd_m) ** 2 + wander_m**2 * (1.0 - decay**2)))
         there_m = columns.pos_m[window] - error_m

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 from dataclasses import replace
 
@@ -12,9 +13,11 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from companion.stand.figures.estimate import figures_of
+from companion.stand.figures.ground import track_of
 from companion.stand.fusion import fuse as fuse_module
 from companion.stand.fusion import windows
 from companion.stand.fusion.fuse import TooManyError, fuse
+from companion.stand.fusion.odometry import shifts_of
 from companion.stand.records import StoredRecord, harvest_of
 from companion.survey.observation import STEM_KIND, Grade, StemObservation, decode, encode
 from companion.survey.track import TRACK_KIND, TrackPoint, encode_track
@@ -300,3 +303,57 @@ def test_vehicles_that_know_the_frame_by_anothers_word_do_not_move_the_map() -> 
 
     assert off_m(()) > 0.7
     assert off_m((2, 3, 4)) < 0.3
+
+
+def walked(*, tells: bool, swing_m: float = 2.0) -> tuple[list[StoredRecord], np.ndarray]:
+    """Of two vehicles, and the trees: the first saw those at the start, by satellites. The second went on alone.
+
+    It knows the mission's frame by a word that swings within 40 s; its odometry is right. `tells`: in its track.
+    """
+    rng = np.random.default_rng(8)
+    trees = np.column_stack((rng.uniform(-6.0, 6.0, 60), np.sort(rng.uniform(0.0, 150.0, 60))))
+
+    def shift(at_s: float) -> tuple[float, float]:
+        return swing_m * math.sin(at_s / 6.0), swing_m * math.cos(at_s / 6.0)
+
+    seen, track = [], []
+    for k, (north, east) in enumerate(trees):
+        at_s, dbh_m = 10.0 + east / 1.5, 0.15 + 0.005 * k
+        if east < 30.0:
+            seen.append(said(1, north_m=north, east_m=east, dbh_m=dbh_m, at_s=at_s))
+        both = [shift(at_s), shift(at_s + 4.0)]
+        off = np.mean(both, axis=0)
+        seen.append(said(2, north_m=north + off[0], east_m=east + off[1], dbh_m=dbh_m, at_s=at_s))
+    for at_s in np.arange(4.0, 124.0, 2.0).tolist():
+        added = shift(at_s)
+        east_m = 1.5 * (at_s - 10.0) + added[1]
+        track.append(TrackPoint(2, at_s, added[0], east_m, 0.6, 7.0, added if tells else None))
+    made = [(o.last_s, o.vehicle_id, STEM_KIND, encode(o)) for o in seen]
+    made += [(p.at_s, p.vehicle_id, TRACK_KIND, encode_track(p)) for p in track]
+    records = [StoredRecord(who, 7, k, kind, at_s, body) for k, (at_s, who, kind, body) in enumerate(sorted(made), 1)]
+    return records, trees
+
+
+def test_what_a_vehicle_saw_stays_together_as_its_odometry_had_it() -> None:
+    def worst_m(*, tells: bool) -> float:
+        records, trees = walked(tells=tells)
+        harvest = harvest_of(records)
+        stems = fuse(harvest.observations, (2,), harvest.track).stems
+        assert len(stems) == len(trees)
+        return float(cKDTree(trees).query([(stem.north_m, stem.east_m) for stem in stems])[0].max())
+
+    assert worst_m(tells=True) < 0.4
+    assert worst_m(tells=False) > 1.5
+
+
+def test_a_track_lies_where_its_stems_do() -> None:
+    records, _ = walked(tells=True)
+    harvest = harvest_of(records)
+    track = track_of(harvest.track, fuse(harvest.observations, (2,), harvest.track))
+    assert np.abs(track.pos_m[:, 1]).max() < 0.4  # north of the way that was flown
+    assert np.abs(track.pos_m[:, 0] - 1.5 * (track.time_s - 10.0)).max() < 0.4
+
+
+def test_a_shift_that_no_vehicle_can_have_is_not_gone_by() -> None:
+    assert len(shifts_of(harvest_of(walked(tells=True)[0]).track)) == 1
+    assert not shifts_of(harvest_of(walked(tells=True, swing_m=40.0)[0]).track)
