@@ -79,9 +79,11 @@ def test_each_point_is_within_the_swath_of_a_lane(area: tuple[Point, ...], swath
 def test_lanes_go_no_farther_beyond_the_area_than_they_say(area: tuple[Point, ...], swath: Swath) -> None:
     for lane in lay_lanes(area, swath, ENDS):
         a, b = lane.start, lane.end
+        axis = axis_of(lane)
         for here, there in ((a, b), (b, a)):
             length_m = math.dist(here, there)
-            share = swath.beyond_m / length_m
+            is_first = (there[0] - here[0]) * axis[0] + (there[1] - here[1]) * axis[1] > 0.0
+            share = (swath.before_m if is_first else swath.beyond_m) / length_m
             begins = (here[0] + share * (there[0] - here[0]), here[1] + share * (there[1] - here[1]))
             reach_m = max(swath.lane_m, swath.inset_m) + ROUNDED_M  # of the strip that the lane is flown for
             assert clearance_m(begins, area) >= -reach_m

@@ -56,7 +56,7 @@ def test_more_lanes_than_beacons_can_count_are_refused() -> None:
 
 def test_a_fence_that_leaves_no_room_is_refused_with_the_lane_the_place_and_the_room() -> None:
     tight = [[-30.0, -32.0], [160.0, -32.0], [160.0, 60.0], [-30.0, 60.0]]
-    place = r"the way to lane 1, from \(.*\) to \(.*\), which is 4.5 m inside the fence"
+    place = r"lane 1, from \(.*\) to \(.*\), which is 10.9 m inside the fence"
     with pytest.raises(ValueError, match=f"needs {place}"):
         surveying(fence=tight)
 
