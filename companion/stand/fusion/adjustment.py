@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 from scipy import linalg, sparse
 
-from companion.stand.fusion.odometry import FrameShift
+from companion.stand.fusion.odometry import OdometryFrame
 from companion.stand.fusion.windows import Columns, Floats, Ints
 
 HUBER: Final = 2.5  # standard deviations; of good observations in a plane 4 % are beyond
@@ -42,16 +42,19 @@ class Frames:
 
     knots: Knots
     error_m: Floats  # knots x 2
-    shifts: tuple[FrameShift | None, ...]  # of each log
+    odometry: tuple[OdometryFrame | None, ...]  # of each log, where its track tells it
 
-    def errors_m(self, log: int, times_s: Floats) -> Floats:
-        """Of one log at these times, k x 2; 0 where it has no knot, that of the nearest beyond the first and last."""
+    def errors_m(self, log: int, times_s: Floats, recorded_m: Floats) -> Floats:
+        """Of places that one log recorded at these times, k x 2: to be taken off.
+
+        Where it has no knot 0; beyond the first and last as at the nearest.
+        """
         own = self.knots.log == log
         if not own.any():
             return np.zeros((len(times_s), 2))
-        at, shift = self.knots.time_s[own], self.shifts[log]
+        at, frame = self.knots.time_s[own], self.odometry[log]
         drifted = np.column_stack([np.interp(times_s, at, self.error_m[own, axis]) for axis in (0, 1)])
-        return drifted if shift is None else drifted + shift.excess_m(times_s, times_s)
+        return drifted if frame is None else drifted + recorded_m - frame.place(recorded_m, times_s, times_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,12 +74,16 @@ def knots_of(columns: Columns, spacing_s: float) -> Knots:
     cell = np.floor(columns.time_s / spacing_s)
     both = np.concatenate([np.column_stack((columns.log, cell + end)) for end in (0, 1)])
     pairs, which = np.unique(both, axis=0, return_inverse=True)
-    count = np.bincount(which.ravel(), minlength=len(pairs))
-    constant_m, wander_m = (
-        np.sqrt(np.bincount(which.ravel(), np.tile(sd_m**2, 2), len(pairs)) / count)
-        for sd_m in (columns.constant_sd_m, columns.wander_sd_m)
-    )
-    return Knots(pairs[:, 0].astype(np.int64), pairs[:, 1] * spacing_s, constant_m, wander_m, spacing_s)
+    log, wander_m = pairs[:, 0].astype(np.int64), _rms_of(np.tile(columns.wander_sd_m, 2), which.ravel())
+    # Of a log one and the same: what is there from the start on would change with it
+    constant_m = _rms_of(columns.constant_sd_m, columns.log)[log]
+    return Knots(log, pairs[:, 1] * spacing_s, constant_m, wander_m, spacing_s)
+
+
+def _rms_of(values: Floats, group: Ints) -> Floats:
+    """Root mean square of each group."""
+    mean: Floats = np.bincount(group, values**2) / np.bincount(group)
+    return np.sqrt(mean)
 
 
 def solve_positions(columns: Columns, stem: Ints, count: int, knots: Knots) -> Solution:
@@ -96,7 +103,7 @@ def solve_positions(columns: Columns, stem: Ints, count: int, knots: Knots) -> S
     return Solution(
         stem_m=stem_m,
         stem_sd_m=np.sqrt(np.maximum(factor * stem_var, LEAST_VARIANCE)),
-        frames=Frames(knots, _at_knots(knots, len(columns.logs)) @ u, columns.shifts),
+        frames=Frames(knots, _at_knots(knots, len(columns.logs)) @ u, columns.odometry),
         error_m=design @ u,
         error_sd_m=np.sqrt(np.maximum(error_var, LEAST_VARIANCE)),
         weight=weight,

@@ -6,13 +6,13 @@ A log here is one session of a log of records: a clock that started anew tells n
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from companion.stand.fusion.odometry import FrameShift, shifts_of
+from companion.stand.fusion.odometry import OdometryFrame, odometry_of
 from companion.stand.records import KeyedObservation, KeyedPoint, Session
 
 Floats = npt.NDArray[np.float64]
@@ -28,9 +28,9 @@ DIAMETER_SD_MIN_M: Final = 0.002
 # A vehicle without satellites knows the mission's frame by the word of one that has them, and lags behind. Its error is
 # that of all such, and nothing that is known besides: by so much more it may err, where another tells the frame.
 BY_WORD: Final = 4.0
-# Of odometry that trunks correct, whose shift to the mission's frame is known: 0.15 m within KNOT_S, 0.35 m in a minute
-DRIFT_M: Final = 0.85
-DRIFT_S: Final = 600.0
+# Of odometry that trunks correct, once its frame is turned and shifted: 0.1 m within KNOT_S
+DRIFT_M: Final = 0.3
+DRIFT_S: Final = 200.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,15 +47,27 @@ class Columns:
     constant_sd_m: Floats  # of a log's frame error: the part that is there from the start on, before it is known,
     wander_sd_m: Floats  # and the one that wanders
     correlation_s: Floats  # within so long; of each log
+    by_word: npt.NDArray[np.bool_]  # each log knows the mission's frame by another's word
     dbh_m: Floats
     dbh_sd_m: Floats
     logs: tuple[Session, ...]
-    shifts: tuple[FrameShift | None, ...]  # of each log: positions are by odometry, where it has told it
+    odometry: tuple[OdometryFrame | None, ...]  # of each log: positions are by it, where its track tells it
+    recorded_m: Floats  # n x 2: positions as they were recorded
 
     @property
     def n(self) -> int:
         """Number of observations."""
         return len(self.log)
+
+    def turned(self, log: int, turn_rad: float, pivot_m: Floats) -> Columns:
+        """The same, one log's odometry turned about a place."""
+        frame = self.odometry[log]
+        if frame is None:
+            return self
+        own, pos_m = self.log == log, self.pos_m.copy()
+        frame = frame.turned(turn_rad, pivot_m)
+        pos_m[own] = frame.place(self.recorded_m[own], self.first_s[own], self.last_s[own])
+        return replace(self, pos_m=pos_m, odometry=(*self.odometry[:log], frame, *self.odometry[log + 1 :]))
 
 
 def columns_of(
@@ -72,13 +84,14 @@ def columns_of(
     first_s, last_s = column([o.first_s for o in told]), column([o.last_s for o in told])
     frame_sd_m = np.maximum(column([o.frame_sd_m for o in told]), FRAME_SD_MIN_M)
     log = np.asarray([index[o.session] for o in observations], dtype=np.int64)
-    pos_m = column([(o.north_m, o.east_m) for o in told]).reshape(-1, 2)
-    known = shifts_of(track)
-    shifts = tuple(known.get(session) for session in logs)
-    for k, shift in enumerate(shifts):
-        if shift is not None:
-            pos_m[log == k] -= shift.excess_m(first_s[log == k], last_s[log == k])
-    by_odometry = np.asarray([shift is not None for shift in shifts])
+    recorded_m = column([(o.north_m, o.east_m) for o in told]).reshape(-1, 2)
+    known, pos_m = odometry_of(track), recorded_m.copy()
+    odometry = tuple(known.get(session) for session in logs)
+    for k, frame in enumerate(odometry):
+        if frame is not None:
+            own = log == k
+            pos_m[own] = frame.place(recorded_m[own], first_s[own], last_s[own])
+    by_odometry = np.asarray([frame is not None for frame in odometry])
     half_m = frame_sd_m * np.sqrt(0.5) * np.where(np.isin([o.vehicle_id for o in told], list(by_word)), BY_WORD, 1.0)
     correlation_s = np.where(by_odometry, DRIFT_S, CORRELATION_S)
     own_wander_m = np.where(by_odometry[log], DRIFT_M, frame_sd_m * np.sqrt(0.5))
@@ -95,10 +108,12 @@ def columns_of(
         constant_sd_m=half_m,
         wander_sd_m=np.where(by_odometry[log], DRIFT_M, half_m),
         correlation_s=correlation_s,
+        by_word=np.isin([session[0] for session in logs], list(by_word)),
         dbh_m=column([o.dbh_m for o in told]),
         dbh_sd_m=np.maximum(column([o.dbh_sd_m for o in told]), DIAMETER_SD_MIN_M),
         logs=logs,
-        shifts=shifts,
+        odometry=odometry,
+        recorded_m=recorded_m,
     )
 
 
