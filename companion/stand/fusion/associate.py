@@ -60,17 +60,24 @@ def associate_observations(columns: Columns) -> Association:
 
 
 def _turn_logs(columns: Columns, stem: Ints, solution: Solution) -> Columns:
-    """Odometry that goes by a compass is turned to the stems that others saw, too."""
-    for log in np.flatnonzero(columns.by_word).tolist():
+    """Odometry that goes by a compass is turned to the stems that others saw, too; then all of it to satellites."""
+    places_m = solution.stem_m[stem]
+    by_compass = [log for log, frame in enumerate(columns.odometry) if frame is not None]
+    for log in by_compass:
         own = columns.log == log
-        others = np.isin(stem, stem[~own])
-        shared = np.flatnonzero(own & others)
-        if len(shared) < LEAST_SHARED or columns.odometry[log] is None:
+        shared = own & np.isin(stem, stem[~own])
+        if np.count_nonzero(shared) < LEAST_SHARED:
             continue
         weight = solution.weight[shared] / (columns.position_sd_m[shared] ** 2 + columns.wander_sd_m[shared] ** 2)
-        from_m, to_m = columns.pos_m[shared], solution.stem_m[stem[shared]]
-        turn_rad = fit_turn(from_m, to_m, weight, 1.0 / TURN_SD_RAD**2)
-        columns = columns.turned(log, turn_rad, weight @ from_m / weight.sum())
+        turn_rad = fit_turn(columns.pos_m[shared], places_m[shared], weight, 1.0 / TURN_SD_RAD**2)
+        columns = columns.turned(log, turn_rad, weight @ columns.pos_m[shared] / weight.sum())
+    own = np.isin(columns.log, by_compass)
+    shared = ~own & np.isin(stem, stem[own])
+    if np.count_nonzero(shared) >= LEAST_SHARED:  # errors of these wander, and do not turn with the place
+        weight = solution.weight[shared]
+        turn_rad = fit_turn(places_m[shared], columns.pos_m[shared], weight, 0.0)
+        for log in by_compass:
+            columns = columns.turned(log, turn_rad, weight @ places_m[shared] / weight.sum())
     return columns
 
 
@@ -86,7 +93,7 @@ def _start(columns: Columns, windows: list[Ints], stems: Clusters) -> Columns:
     while left:
         known = stems.known()
         common = {log: len(np.unique(known.pairs(columns.pos_m[own], COMMON_M)[0])) for log, own in left.items()}
-        log = max(left, key=lambda k: (common[k], not columns.by_word[k], len(left[k]), -k))
+        log = max(left, key=lambda k: (common[k], columns.odometry[k] is None, len(left[k]), -k))
         columns = _start_log(columns, left.pop(log), of_log[log], stems)
     return columns
 
@@ -101,7 +108,7 @@ def _start_log(columns: Columns, own: Ints, windows: list[Ints], stems: Clusters
     correlation_s = float(columns.correlation_s[log])
     wander_m = WANDER * frame_sd_m if columns.odometry[log] is None else DRIFT_M
     whole = Constellation(columns.pos_m[own], columns.dbh_m[own], stems.dbh_sd_m[own])
-    if columns.odometry[log] is not None and columns.by_word[log]:
+    if columns.odometry[log] is not None:
         pivot_m = whole.pos_m.mean(axis=0)
         turn_rad = find_turn(whole, pivot_m, TURN_SD_RAD, frame_sd_m, known)
         columns = columns.turned(log, turn_rad, pivot_m)

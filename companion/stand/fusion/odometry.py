@@ -1,9 +1,9 @@
-"""The vehicles' odometry under what they recorded: it is turned and drifts slowly, and what they know of it wanders.
+"""Odometry of vehicles without satellites, under what they recorded.
 
-A vehicle adds to its odometry what it knows of the mission's frame at that time: by satellites or by another's word,
-which wander within a minute, and lag. Its track tells what was added. Without satellites odometry goes by a compass,
-and one turn of its whole frame is most of its error: 1.6 degrees are 2.5 m over 90 m, what is left is 0.15 m. So the
-added is taken off, and one turn and one shift are put in its place, of the whole way.
+A vehicle adds to its odometry what it knows of the mission's frame at that time, and its track tells what. Without
+satellites it knows that by another's word, which wanders and lags, and its odometry goes by a compass: one turn of its
+whole frame is most of its error, 1.6 degrees are 2.5 m over 90 m, and what is left is 0.15 m. So the added is taken
+off, and one turn and one shift of the whole way are put in its place.
 """
 
 from __future__ import annotations

@@ -47,11 +47,10 @@ class Columns:
     constant_sd_m: Floats  # of a log's frame error: the part that is there from the start on, before it is known,
     wander_sd_m: Floats  # and the one that wanders
     correlation_s: Floats  # within so long; of each log
-    by_word: npt.NDArray[np.bool_]  # each log knows the mission's frame by another's word
     dbh_m: Floats
     dbh_sd_m: Floats
     logs: tuple[Session, ...]
-    odometry: tuple[OdometryFrame | None, ...]  # of each log: positions are by it, where its track tells it
+    odometry: tuple[OdometryFrame | None, ...]  # of logs without satellites, where their track tells it: positions are
     recorded_m: Floats  # n x 2: positions as they were recorded
 
     @property
@@ -85,7 +84,7 @@ def columns_of(
     frame_sd_m = np.maximum(column([o.frame_sd_m for o in told]), FRAME_SD_MIN_M)
     log = np.asarray([index[o.session] for o in observations], dtype=np.int64)
     recorded_m = column([(o.north_m, o.east_m) for o in told]).reshape(-1, 2)
-    known, pos_m = odometry_of(track), recorded_m.copy()
+    known, pos_m = odometry_of([p for p in track if p.point.vehicle_id in by_word]), recorded_m.copy()
     odometry = tuple(known.get(session) for session in logs)
     for k, frame in enumerate(odometry):
         if frame is not None:
@@ -108,7 +107,6 @@ def columns_of(
         constant_sd_m=half_m,
         wander_sd_m=np.where(by_odometry[log], DRIFT_M, half_m),
         correlation_s=correlation_s,
-        by_word=np.isin([session[0] for session in logs], list(by_word)),
         dbh_m=column([o.dbh_m for o in told]),
         dbh_sd_m=np.maximum(column([o.dbh_sd_m for o in told]), DIAMETER_SD_MIN_M),
         logs=logs,
