@@ -369,7 +369,6 @@ class Agent:
         """The input of guidance: surroundings, orders, and the vector to d2."""
         localiser, goal, range_m = self.localiser, orders.goal, orders.radio_range_m
         pos_ned_m, now_s = around.own.pos_ned_m, picture.now_s
-        to_lanes = orders.stop < self._lane_ends
         return GuidanceInput(
             around,
             state=orders.state,
@@ -381,12 +380,11 @@ class Agent:
             lease_freshness=orders.lease_freshness,
             goal=None if goal is None else goal.resolve(localiser.offset_ned_m),
             goal_moves=localiser.may_lose_position or self._lane_ends > 0,
-            dest_ned_m=None if to_lanes else localiser.destination.ned_m,
+            dest_ned_m=None if orders.stop < self._lane_ends else localiser.destination.ned_m,
             size=orders.size,
             layer_m=orders.layer_m,
             corridors=self.movement.predict_corridors(localiser.peers, pos_ned_m, now_s, range_m=range_m),
             excitation_ned_mps=localiser.excite(orders.state, orders.cause, now_s),
-            on_lanes=to_lanes and orders.phase is SwarmPhase.TRANSIT and orders.state is FlightState.TRANSIT,
         )
 
     def _to_goal_m(self, picture: Picture) -> float:

@@ -33,7 +33,6 @@ class GuidanceInput:
     corridors: Final[Sequence[PredictedCorridor]]  # of those that trees hide; none without a sensor
     layer_m: Final[float | None]  # height above the origin that the part without the majority flies at
     excitation_ned_mps: Final[Vec3]  # see `excitation`
-    on_lanes: Final[bool]  # the swarm flies line abreast
 
     def __init__(
         self,
@@ -53,7 +52,6 @@ class GuidanceInput:
         corridors: Sequence[PredictedCorridor] = (),
         layer_m: float | None = None,
         excitation_ned_mps: Vec3 = ZERO,
-        on_lanes: bool = False,
     ) -> None:
         self.around = around
         self.state = state
@@ -70,7 +68,6 @@ class GuidanceInput:
         self.corridors = corridors
         self.layer_m = layer_m
         self.excitation_ned_mps = excitation_ned_mps
-        self.on_lanes = on_lanes
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)

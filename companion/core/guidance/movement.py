@@ -130,7 +130,7 @@ class Guidance:
         apart = self._mission.separation
         self.ref_ned_mps = scale(formation.alignment(now.route), now.lease_freshness)
         pull = formation.cohesion(now.route, range_m=now.range_m)
-        if now.on_lanes and self._axis_ne is not None:
+        if self._axis_ne is not None and _is_on_lanes(now):
             pull = add(pull, formation.line_abreast(now.around.neighbours, self._line, self._axis_ne))
         push = self._planner.separate(now, add(self.ref_ned_mps, pull))
         desired = add(add(self.ref_ned_mps, push), add(pull, formation.level(now.route)))  # Algorithm 1, line 35
@@ -199,6 +199,11 @@ class Guidance:
         """Turn to where that leads."""
         if math.hypot(vel_ned_mps[0], vel_ned_mps[1]) > YAW_SPEED_MPS:
             self.yaw_rad = math.atan2(vel_ned_mps[1], vel_ned_mps[0])
+
+
+def _is_on_lanes(now: GuidanceInput) -> bool:
+    """In a mission that has some: on the way to them or on them, where no tree is ahead."""
+    return now.state is FlightState.TRANSIT and now.phase is SwarmPhase.TRANSIT and now.dest_ned_m is None
 
 
 def _keep_layer(desired: Vec3, layer_m: float, pos_ned_m: Vec3) -> Vec3:
