@@ -204,7 +204,7 @@ def _ways(cell: Sequence[_Span]) -> Iterator[list[_Span]]:
 
 
 def _canonical(along: Point) -> Point:
-    """That of both ways that leads east, or north where neither does."""
+    """The one of both ways that leads east, or north where neither does."""
     leads_back = along[0] < -AXIS_SLACK or (along[0] <= AXIS_SLACK and along[1] < 0.0)
     return (-along[0], -along[1]) if leads_back else along
 

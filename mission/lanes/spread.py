@@ -29,7 +29,7 @@ class LineAbreast:
 
 
 def line_abreast(*, size: int, soft_m: float, reach_m: float, range_m: float) -> LineAbreast:
-    """That of `size` vehicles that keep `soft_m` apart, measure up to `reach_m` and hear up to `range_m`.
+    """Line abreast of `size` vehicles that keep `soft_m` apart, measure up to `reach_m` and hear up to `range_m`.
 
     A stem between two vehicles is within the useful reach of both, unless they keep more than that apart.
     """

@@ -674,7 +674,7 @@ class MissionTables(Table):
 
     @property
     def line_abreast(self) -> LineAbreast:
-        """How this swarm spreads on lanes."""
+        """Line abreast of this swarm, on lanes."""
         return line_abreast(
             size=self.swarm.size,
             soft_m=self.separation.soft_m,
