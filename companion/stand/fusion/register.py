@@ -7,7 +7,7 @@ in one place only. Shifts alone are tried: what heading errors do within sight o
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -103,7 +103,7 @@ class KnownStems:
         none = np.zeros(0, dtype=np.int64)
         if self._tree is None:
             return none, none
-        near = [self._tree.query_ball_point(place, within_m, return_sorted=True) for place in pos_m]
+        near: Any = self._tree.query_ball_point(pos_m, within_m, return_sorted=True)
         own = np.repeat(np.arange(len(pos_m)), [len(found) for found in near])
         other = np.concatenate([none, *(np.asarray(found, dtype=np.int64) for found in near)])
         return own.astype(np.int64), other
