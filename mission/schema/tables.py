@@ -513,8 +513,8 @@ class Survey(Table):
         Field(
             ge=1.0,
             le=1_000.0,
-            description="How far apart lanes are, at most. Left out: the width of the swarm, by swarm.size and "
-            "separation.soft_m, and 85 % of the reach.",
+            description="How far apart lanes are, at most. Left out: the width of the swarm, which flies them line "
+            "abreast, and 85 % of the reach.",
         ),
     ] = None
 
