@@ -49,7 +49,7 @@ class DirectFusion:
 def summarise(records: Iterable[RecordLike], mission: Mission) -> StandSummary:
     """Of `records`, in any order. TooManyError: more observations than fusion takes."""
     harvest = harvest_of(records)
-    fusion = fuse(harvest.observations, mission.without_satellites)
+    fusion = fuse(harvest.observations, mission.without_satellites, harvest.track)
     until = None if mission.survey is None else mission.survey.until
     confidence = CONFIDENCE if until is None else until.confidence
     ground = figures_of(harvest, fusion, area_m=mission.surveyed_enu_m, confidence=confidence)

@@ -158,7 +158,7 @@ class Surveyor:
     def _track_point(self, pose: ScanPose, now_s: float) -> TrackPoint:
         anchor = self._anchor_ne_m or (0.0, 0.0)
         north_m, east_m = pose.pos_ned_m[0] + anchor[0], pose.pos_ned_m[1] + anchor[1]
-        return TrackPoint(self._vehicle_id, now_s, north_m, east_m, pose.frame_sd_m, self._reach_m)
+        return TrackPoint(self._vehicle_id, now_s, north_m, east_m, pose.frame_sd_m, self._reach_m, anchor)
 
     def _is_due(self, now_s: float, *, landed: bool) -> bool:
         """Stems wait that are to be fitted now."""

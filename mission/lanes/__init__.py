@@ -1,1 +1,1 @@
-"""Lanes over a stand that is surveyed: how far a swarm spreads across its course (spread), and the lanes laid (lay)."""
+"""Lanes over a stand that is surveyed: a swarm's line abreast on them (spread), and the lanes laid (lay)."""

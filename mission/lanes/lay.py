@@ -22,6 +22,7 @@ from mission.common.plane import Point, edges, way_clearance_m
 
 DIRECTIONS_MOST: Final = 4  # that are laid out in full: those with the fewest lanes
 SMALL_M: Final = 1e-6
+AXIS_SLACK: Final = 1e-3  # of a unit vector: ends of lanes are rounded
 LANES_LAID: Final = 2_000  # more are counted, and not laid
 
 
@@ -29,13 +30,14 @@ LANES_LAID: Final = 2_000  # more are counted, and not laid
 class Swath:
     """Distances of lanes. lane_m: from one to the next at most. spread_m: how wide the swarm is, across its course.
 
-    inset_m: how far inside its borders the first and the last lie. beyond_m: how far beyond the polygon a lane begins
-    and ends.
+    inset_m: how far inside its borders the first and the last lie. before_m, beyond_m: how far a lane goes beyond the
+    polygon, where its axis comes from and where that leads to.
     """
 
     lane_m: float
     spread_m: float
     inset_m: float
+    before_m: float
     beyond_m: float
 
 
@@ -45,6 +47,12 @@ class Lane:
 
     start: Point
     end: Point
+
+
+def axis_of(lane: Lane) -> Point:
+    """Unit vector along a lane, east, north; the same for all lanes of a survey, whichever way each is flown."""
+    length_m = _dist_m(lane.start, lane.end)
+    return _canonical(((lane.end[0] - lane.start[0]) / length_m, (lane.end[1] - lane.start[1]) / length_m))
 
 
 _Span = tuple[float, float, float]  # a lane in the polygon's turned frame: its offset across, from, to
@@ -90,7 +98,7 @@ def _directions(area: Sequence[Point], swath: Swath) -> list[tuple[int, Point]]:
     found: list[tuple[int, Point]] = []
     for a, b in edges(area):
         length_m = _dist_m(a, b)
-        along = ((b[0] - a[0]) / length_m, (b[1] - a[1]) / length_m)
+        along = _canonical(((b[0] - a[0]) / length_m, (b[1] - a[1]) / length_m))
         if any(abs(along[0] * other[1] - along[1] * other[0]) < SMALL_M for _, other in found):
             continue
         across = [_turn(point, along)[1] for point in area]
@@ -110,7 +118,7 @@ def _decompositions(turned: Sequence[Point], swath: Swath) -> Iterator[list[list
     for k in range(count):
         across = first + k * step_m
         spans = find_spans(turned, across - half_m, across + half_m)
-        rows.append([(across, a - swath.beyond_m, b + swath.beyond_m) for a, b in spans])
+        rows.append([(across, a - swath.before_m, b + swath.beyond_m) for a, b in spans])
     yield [[(row[0][0], row[0][1], row[-1][2]) for row in rows if row]]
     if any(len(row) > 1 for row in rows):
         yield _cells(rows)
@@ -193,6 +201,12 @@ def _ways(cell: Sequence[_Span]) -> Iterator[list[_Span]]:
     for lanes in (list(cell), list(reversed(cell))):
         for turned in (0, 1):
             yield [(across, b, a) if (k + turned) % 2 else (across, a, b) for k, (across, a, b) in enumerate(lanes)]
+
+
+def _canonical(along: Point) -> Point:
+    """The one of both ways that leads east, or north where neither does."""
+    leads_back = along[0] < -AXIS_SLACK or (along[0] <= AXIS_SLACK and along[1] < 0.0)
+    return (-along[0], -along[1]) if leads_back else along
 
 
 def _turn(point: Point, along: Point) -> Point:

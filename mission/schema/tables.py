@@ -16,7 +16,7 @@ from pydantic import ConfigDict, Field, field_validator
 from mission.common import plane
 from mission.common.frames import Vec3, Wgs84
 from mission.lanes.lay import Lane, Swath, lay_lanes
-from mission.lanes.spread import swath_of
+from mission.lanes.spread import LineAbreast, line_abreast, swath_of
 from mission.schema.fields import COORDINATE_MAX_M, MAX_VEHICLES, Coordinate, Integer, Number, Table, Text, VehicleId
 from mission.schema.forest import Forest
 from mission.schema.kinds import SensorClass
@@ -513,8 +513,8 @@ class Survey(Table):
         Field(
             ge=1.0,
             le=1_000.0,
-            description="How far apart lanes are, at most. Left out: the width of the swarm, by swarm.size and "
-            "separation.soft_m, and 85 % of the reach.",
+            description="How far apart lanes are, at most. Left out: the width of the swarm, which flies them line "
+            "abreast, and 85 % of the reach.",
         ),
     ] = None
 
@@ -669,13 +669,24 @@ class MissionTables(Table):
     @property
     def swath(self) -> Swath:
         """Distances of the lanes of this swarm."""
-        survey, sensing = self.survey or Survey(), self.sensing or Sensing()
-        return swath_of(
+        lane_m = None if self.survey is None else self.survey.lane_m
+        return swath_of(line=self.line_abreast, size=self.swarm.size, reach_m=self._reach_m, lane_m=lane_m)
+
+    @property
+    def line_abreast(self) -> LineAbreast:
+        """Line abreast of this swarm, on lanes."""
+        return line_abreast(
             size=self.swarm.size,
             soft_m=self.separation.soft_m,
-            reach_m=min(survey.reach_m, sensing.range_m),
-            lane_m=survey.lane_m,
+            reach_m=self._reach_m,
+            range_m=self.radio.full_range_m,
         )
+
+    @property
+    def _reach_m(self) -> float:
+        """Stems are measured so far."""
+        survey, sensing = self.survey or Survey(), self.sensing or Sensing()
+        return min(survey.reach_m, sensing.range_m)
 
     @property
     def lanes(self) -> tuple[Lane, ...]:

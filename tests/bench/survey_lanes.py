@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from companion.core.model.states import SwarmPhase
 from mission.common.frames import enu_to_ned
 from mission.common.plane import area_m2, clearance_m
 from mission.document.model import Mission
@@ -39,7 +40,8 @@ SAMPLED = 5  # ticks
 COLUMNS = (
     "vehicles",
     "lanes",
-    "ha/min",
+    "ha/min: on lanes",
+    "in the air",
     "in the air, min",
     "found",
     "on two sides",
@@ -56,6 +58,8 @@ class Survey:
     lanes: int
     ha_per_min: float
     air_min: float  # from take-off to the last landing
+    air_ha_per_min: float  # the polygon over that
+    spent_s: dict[str, float]  # of that, on what
     trees: int
     found: int
     two_sided: int
@@ -138,13 +142,15 @@ def fly(mission: Mission, *, on_jsbsim: bool) -> Survey:
     stems, _ = match_stems(held, stand)
     found = {(stem.tree.east_m, stem.tree.north_m) for stem in stems if stem.tree is not None}
     off_m = [s.observation.dbh_m - 2.0 * s.tree.radius_m for s in stems if s.tree in trees]
-    begins, ends = flown_between(recording, mission)
+    passed_s = passes_s(recording, mission)
     up_s = recording.time_s[~recording.on_ground.all(axis=1)]
     reach_m = mission.survey.reach_m if mission.survey is not None else 0.0
     return Survey(
         lanes=len(mission.lanes),
-        ha_per_min=area_m2(area) / M2_PER_HA / float(recording.time_s[ends] - recording.time_s[begins]) * 60.0,
+        ha_per_min=area_m2(area) / M2_PER_HA / (passed_s[-1] - passed_s[0]) * 60.0,
         air_min=float(up_s[-1] - up_s[0]) / 60.0,
+        air_ha_per_min=area_m2(area) / M2_PER_HA / float(up_s[-1] - up_s[0]) * 60.0,
+        spent_s=spent_s(recording, passed_s, float(up_s[0]), float(up_s[-1])),
         trees=len(trees),
         found=sum((tree.east_m, tree.north_m) in found for tree in trees),
         two_sided=sum(is_passed_around(tree, recording, reach_m) for tree in trees),
@@ -155,21 +161,33 @@ def fly(mission: Mission, *, on_jsbsim: bool) -> Survey:
     )
 
 
-def flown_between(recording: Recording, mission: Mission) -> tuple[int, int]:
-    """Ticks in which an acting leader came to the start of the first lane, and last to the end of the last."""
+def passes_s(recording: Recording, mission: Mission) -> list[float]:
+    """When an acting leader first came to each end of a lane, one after the other; and was last at the last."""
     acting = recording.acting & recording.agent_alive
-    ends = [visit.pos_enu_m for visit in mission.visits if visit.is_passed]
-    near = [
-        np.flatnonzero(
-            (acting & (np.linalg.norm(recording.pos_ned_m - np.array(enu_to_ned(end)), axis=2) <= 3.0 * PASS_M)).any(
-                axis=1
-            )
-        )
-        for end in (ends[0], ends[-1])
-    ]
-    if not all(len(ticks) for ticks in near):
-        raise RuntimeError("the lanes were not flown to their end")
-    return int(near[0][0]), int(near[1][-1])
+    found, since = [], 0
+    for end in (visit.pos_enu_m for visit in mission.visits if visit.is_passed):
+        away_m = np.linalg.norm(recording.pos_ned_m[since:] - np.array(enu_to_ned(end)), axis=2)
+        near = np.flatnonzero((acting[since:] & (away_m <= 3.0 * PASS_M)).any(axis=1))
+        if not len(near):
+            raise RuntimeError("the lanes were not flown to their end")
+        last = since + int(near[-1])
+        since += int(near[0])
+        found.append(float(recording.time_s[since]))
+    return [*found[:-1], float(recording.time_s[last])]
+
+
+def spent_s(recording: Recording, passed_s: Sequence[float], up_s: float, down_s: float) -> dict[str, float]:
+    """Where the time in the air goes."""
+    transit = (recording.acting & (recording.phase == SwarmPhase.TRANSIT)).any(axis=1)
+    departed_s = float(recording.time_s[np.flatnonzero(transit)[0]])
+    legs_s = np.diff(passed_s)
+    return {
+        "gathering": departed_s - up_s,
+        "to lane 1": passed_s[0] - departed_s,
+        "on lanes": float(legs_s[::2].sum()),
+        "between lanes": float(legs_s[1::2].sum()),
+        "to d2 and down": down_s - passed_s[-1],
+    }
 
 
 def width_on_lanes(recording: Recording, mission: Mission) -> tuple[float, float]:
@@ -242,7 +260,8 @@ def row_of(vehicles: int, flown: Sequence[Survey]) -> str:
     cells = (
         f"{vehicles}",
         f"{flown[0].lanes}",
-        f"{', '.join(f'{one.ha_per_min:.3f}' for one in flown)}",
+        ", ".join(f"{one.ha_per_min:.3f}" for one in flown),
+        ", ".join(f"{one.air_ha_per_min:.3f}" for one in flown),
         spread([one.air_min for one in flown], ""),
         f"{sum(one.found for one in flown) / trees:.1%} of {trees}",
         f"{sum(one.two_sided for one in flown) / trees:.1%}",

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mission.common.plane import Point, clearance_m, polygon_fault, way_clearance_m
-from mission.lanes.lay import Lane, Swath, lay_lanes
-from mission.lanes.spread import swath_of
+from mission.lanes.lay import Lane, Swath, axis_of, lay_lanes
+from mission.lanes.spread import line_abreast, swath_of
 
 ENDS = ((-20.0, 0.0), (-20.0, 20.0))
 ROUNDED_M = 0.02  # ends are to 1 cm
@@ -27,13 +27,13 @@ def areas(draw: st.DrawFn) -> tuple[Point, ...]:
     return ((40.0, -30.0), (90.0, -20.0), (70.0, 40.0)) if polygon_fault(area) else area
 
 
-SWATHS = st.builds(
-    swath_of,
-    size=st.sampled_from([1, 2, 4, 8, 12]),
-    soft_m=st.sampled_from([8.0, 10.0, 14.0]),
-    reach_m=st.sampled_from([5.0, 7.0]),
-    lane_m=st.none(),
-)
+def swath_for(size: int, soft_m: float, reach_m: float) -> Swath:
+    line = line_abreast(size=size, soft_m=soft_m, reach_m=reach_m, range_m=55.0)
+    return swath_of(line=line, size=size, reach_m=reach_m, lane_m=None)
+
+
+SIZES, SOFT_M = st.sampled_from([1, 2, 4, 8, 12]), st.sampled_from([8.0, 10.0, 14.0])
+SWATHS = st.builds(swath_for, SIZES, SOFT_M, st.sampled_from([5.0, 7.0]))
 
 
 def across_m(point: Point, lane: Lane) -> float | None:
@@ -58,12 +58,12 @@ def points_in(area: tuple[Point, ...], step_m: float) -> list[Point]:
 
 @given(areas(), st.sampled_from([5.0, 7.0, 15.0]))
 def test_one_vehicle_passes_each_point_on_both_sides(area: tuple[Point, ...], reach_m: float) -> None:
-    swath = swath_of(size=1, soft_m=10.0, reach_m=reach_m, lane_m=None)
-    lanes = lay_lanes(area, swath, ENDS)
+    one = swath_for(1, 10.0, reach_m)
+    lanes = lay_lanes(area, one, ENDS)
     for point in points_in(area, 4.0):
         off_m = [m for m in (across_m(point, lane) for lane in lanes) if m is not None]
-        assert any(-ROUNDED_M <= m <= swath.lane_m + ROUNDED_M for m in off_m), point
-        assert any(-swath.lane_m - ROUNDED_M <= m <= ROUNDED_M for m in off_m), point
+        assert any(-ROUNDED_M <= m <= one.lane_m + ROUNDED_M for m in off_m), point
+        assert any(-one.lane_m - ROUNDED_M <= m <= ROUNDED_M for m in off_m), point
 
 
 @given(areas(), SWATHS)
@@ -79,9 +79,11 @@ def test_each_point_is_within_the_swath_of_a_lane(area: tuple[Point, ...], swath
 def test_lanes_go_no_farther_beyond_the_area_than_they_say(area: tuple[Point, ...], swath: Swath) -> None:
     for lane in lay_lanes(area, swath, ENDS):
         a, b = lane.start, lane.end
+        axis = axis_of(lane)
         for here, there in ((a, b), (b, a)):
             length_m = math.dist(here, there)
-            share = swath.beyond_m / length_m
+            is_first = (there[0] - here[0]) * axis[0] + (there[1] - here[1]) * axis[1] > 0.0
+            share = (swath.before_m if is_first else swath.beyond_m) / length_m
             begins = (here[0] + share * (there[0] - here[0]), here[1] + share * (there[1] - here[1]))
             reach_m = max(swath.lane_m, swath.inset_m) + ROUNDED_M  # of the strip that the lane is flown for
             assert clearance_m(begins, area) >= -reach_m
@@ -120,14 +122,14 @@ def test_a_notch_that_is_outside_the_fence_is_not_crossed() -> None:
         (52.0, 75.0),
         (-15.0, 75.0),
     )
-    swath = swath_of(size=1, soft_m=10.0, reach_m=7.0, lane_m=None)
-    crossing, kept = lay_lanes(area, swath, ENDS), lay_lanes(area, swath, ENDS, fence, 5.0)
+    one = swath_for(1, 10.0, 7.0)
+    crossing, kept = lay_lanes(area, one, ENDS), lay_lanes(area, one, ENDS, fence, 5.0)
     for lanes, leaves in ((crossing, True), (kept, False)):
         ends = [end for lane in lanes for end in (lane.start, lane.end)]
         assert any(way_clearance_m(a, b, fence) < 5.0 for a, b in pairwise(ends)) is leaves
     for point in points_in(area, 3.0):
         off_m = [abs(m) for m in (across_m(point, lane) for lane in kept) if m is not None]
-        assert min(off_m) <= swath.lane_m, point
+        assert min(off_m) <= one.lane_m, point
 
 
 @given(areas(), SWATHS)
@@ -137,3 +139,29 @@ def test_it_does_not_matter_where_the_boundary_begins_or_which_way_round_it_goes
     again = (*area[2:], *area[:2])
     assert len(lay_lanes(again, swath, ENDS)) == len(lay_lanes(area, swath, ENDS))
     assert len(lay_lanes(tuple(reversed(area)), swath, ENDS)) == len(lay_lanes(area, swath, ENDS))
+
+
+@given(areas(), SWATHS)
+def test_all_lanes_have_one_axis_which_leads_east(area: tuple[Point, ...], swath: Swath) -> None:
+    axes = [axis_of(lane) for lane in lay_lanes(area, swath, ENDS)]
+    assert all(math.dist(axis, axes[0]) <= 0.01 for axis in axes)  # ends are rounded
+    assert axes[0][0] >= -0.01
+
+
+@given(SIZES, SOFT_M, st.sampled_from([5.0, 7.0, 15.0]))
+def test_in_line_abreast_no_two_are_nearer_than_they_keep(size: int, soft_m: float, reach_m: float) -> None:
+    line = line_abreast(size=size, soft_m=soft_m, reach_m=reach_m, range_m=55.0)
+    places = [(k * line.pitch_m, -(k % 2) * line.depth_m) for k in range(size)]
+    apart_m = [math.dist(a, b) for k, a in enumerate(places) for b in places[:k]]
+    assert min(apart_m, default=soft_m) >= soft_m - 1e-9
+
+
+def test_stems_between_two_abreast_are_within_the_useful_reach_of_both() -> None:
+    line = line_abreast(size=8, soft_m=10.0, reach_m=7.0, range_m=55.0)
+    assert line.pitch_m == 0.85 * 7.0
+    assert line.width_m(8) == 7 * line.pitch_m
+
+
+def test_so_wide_a_swarm_that_its_ends_would_not_hear_each_other_closes_up() -> None:
+    line = line_abreast(size=8, soft_m=10.0, reach_m=15.0, range_m=55.0)
+    assert line.width_m(8) <= 0.85 * 55.0 + 1e-9

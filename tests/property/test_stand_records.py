@@ -53,6 +53,7 @@ POINTS = st.builds(
     east_m=PLACES,
     frame_sd_m=ERRORS,
     range_m=single(0.0, 12.0) | single(0.0, 1000.0),
+    shift_ne_m=st.none() | st.tuples(PLACES, PLACES),
 )
 BODIES = st.one_of(
     st.tuples(st.just(STEM_KIND), STEMS.map(encode)),

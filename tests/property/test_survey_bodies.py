@@ -50,9 +50,11 @@ def test_an_observation_comes_back_and_is_short(observation: StemObservation) ->
     assert decode(body, observation.vehicle_id) == observation
 
 
-@given(st.integers(1, 250), time_s, place, place, size, size)
-def test_a_track_point_comes_back(vehicle_id: int, at_s: float, n: float, e: float, sd: float, m: float) -> None:
-    point = TrackPoint(vehicle_id, at_s, n, e, sd, m)
+@given(st.integers(1, 250), time_s, place, place, size, size, st.none() | st.tuples(place, place))
+def test_a_track_point_comes_back(
+    vehicle_id: int, at_s: float, n: float, e: float, sd: float, m: float, shift_ne_m: tuple[float, float] | None
+) -> None:
+    point = TrackPoint(vehicle_id, at_s, n, e, sd, m, shift_ne_m)
     assert decode_track(encode_track(point), vehicle_id) == point
 
 

@@ -25,7 +25,7 @@ def surveys(size: int, at_end: str = "land", covers_s: float = 0.0, **survey: An
         swarm={"size": size},
         coverage={"duration_s": covers_s},
         sensing={"sensor": "scan-1deg", "range_m": 8.0},
-        survey={"area_enu_m": AREA, "lane_m": 15.0, **survey},
+        survey={"area_enu_m": AREA, "lane_m": 15.0 if size == 1 else 10.0, **survey},
     )
 
 
@@ -92,6 +92,19 @@ def test_followers_of_a_leader_on_lanes_stay_with_it() -> None:
     assert swarm.least_m >= 4.9
     assert all(math.dist(east_north(swarm, k), D2) <= 40.0 for k in swarm.aircraft)
     assert not any("blocked" in text or "lost" in text for one in swarm.aircraft.values() for text in one.said)
+
+
+def test_a_swarm_flies_lanes_abreast_both_ways_and_keeps_its_places_as_it_turns() -> None:
+    flies = surveys(4)
+    swarm, everyone = fleet(flies), [1, 2, 3, 4]
+    orders = []
+    for stop in (2, 4):  # at the ends of the first two lanes, which lead there and back
+        fly(swarm, everyone, until=lambda stop=stop: stops_of(swarm, everyone) == {stop})
+        north_m = {k: east_north(swarm, k)[1] for k in everyone}
+        assert max(north_m.values()) - min(north_m.values()) > 0.8 * flies.swath.spread_m
+        orders.append(sorted(everyone, key=north_m.__getitem__))
+    assert orders[0] == orders[1]
+    assert swarm.least_m >= 4.9
 
 
 def test_a_new_leader_goes_on_with_the_lane_that_its_predecessor_was_on() -> None:

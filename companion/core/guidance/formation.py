@@ -14,8 +14,10 @@ from typing import Final
 
 from companion.core.model.beacon import NO_ROUTE
 from companion.core.model.neighbour import Neighbour
+from companion.core.model.states import FlightState
 from companion.core.model.vectors import ZERO, add, limit, norm, scale
 from mission.common.frames import Vec3
+from mission.lanes.spread import LineAbreast
 
 STRETCH: Final = 20.0  # what a link at full range costs more than one at half range
 UP_STEP: Final = 0.99  # a neighbour this much nearer to the leader is followed
@@ -34,6 +36,8 @@ COHESION_START: Final = 0.5  # share of the range; nearer to the 10 m of separat
 COHESION_LIMIT_MPS: Final = 1.5
 STRAIN_START: Final = 0.8  # share of the range from which a link is pulled together hard
 FOLLOWED: Final = 3  # how many of Up pull
+ABREAST_GAIN_PER_S: Final = 0.5
+ABREAST_LIMIT_MPS: Final = 1.5
 LEVEL_GAIN_PER_S: Final = 0.8  # as the leader's back to its line
 APPROACH_MPS2: Final = 1.0  # the leader's deceleration towards its goal ...
 # ... which at the end would chatter with the autopilot's lag: the last metres are slower
@@ -159,6 +163,37 @@ def cohesion(own: Route, *, range_m: float) -> Vec3:
         if speed_mps > 0.0:
             pull = add(pull, scale(neighbour.rel_ned_m, speed_mps / distance_m / len(nearest)))
     return limit(pull, COHESION_LIMIT_MPS)
+
+
+def line_abreast(neighbours: Sequence[Neighbour], line: LineAbreast, axis: tuple[float, float]) -> Vec3:
+    """A follower's on lanes, instead of a shape that comes about by itself: to its place beside the leader.
+
+    Followers keep the order that they are in across the lanes' axis (unit vector, north and east); so many of them are
+    left of the leader as are right of it, or one less. The axis does not turn with the course: from a lane to the next
+    nobody changes places. Nothing while the leader is not heard.
+    """
+    leader: Neighbour | None = None
+    others: list[Neighbour] = []
+    for neighbour in neighbours:
+        if neighbour.beacon.route_cost <= 0.0:
+            leader = neighbour
+        elif neighbour.beacon.state is FlightState.TRANSIT:
+            others.append(neighbour)
+    if leader is None:
+        return ZERO
+    north, east = axis
+    before = sum([_across_m(other.rel_ned_m, axis) < 0.0 for other in others])
+    left = (len(others) + 1) // 2
+    place = before - left if before < left else before - left + 1  # the leader's is 0
+    across_m = _across_m(leader.rel_ned_m, axis) + place * line.pitch_m
+    along_m = leader.rel_ned_m[0] * north + leader.rel_ned_m[1] * east - (place % 2) * line.depth_m
+    to_place = (along_m * north - across_m * east, along_m * east + across_m * north, 0.0)
+    return limit(scale(to_place, ABREAST_GAIN_PER_S), ABREAST_LIMIT_MPS)
+
+
+def _across_m(rel_ned_m: Vec3, axis: tuple[float, float]) -> float:
+    """To the right of the axis."""
+    return rel_ned_m[1] * axis[0] - rel_ned_m[0] * axis[1]
 
 
 def level(own: Route) -> Vec3:

@@ -25,6 +25,7 @@ from companion.core.safety.clearance import Use, clearance_m
 from companion.core.safety.safety_filter import SafetyFilter
 from mission.common.frames import Vec3
 from mission.document.model import CoverageShape, Mission
+from mission.lanes.lay import axis_of
 
 GATHER_MPS: Final = 1.0  # the leader on its way to d1, through those that have just taken off beside it
 # Elsewhere each has its position.
@@ -45,6 +46,9 @@ class Guidance:
         self.yaw_rad = 0.0
         self._mission, self._me = mission, me
         self._planner = build_planner(mission)
+        self._line = mission.line_abreast
+        lanes = mission.lanes
+        self._axis_ne = axis_of(lanes[0])[::-1] if lanes else None
 
     def reset(self) -> None:
         """Not steered: a vehicle that gets control back starts from rest, not from what it last desired."""
@@ -126,6 +130,8 @@ class Guidance:
         apart = self._mission.separation
         self.ref_ned_mps = scale(formation.alignment(now.route), now.lease_freshness)
         pull = formation.cohesion(now.route, range_m=now.range_m)
+        if self._axis_ne is not None and _is_on_lanes(now):
+            pull = add(pull, formation.line_abreast(now.around.neighbours, self._line, self._axis_ne))
         push = self._planner.separate(now, add(self.ref_ned_mps, pull))
         desired = add(add(self.ref_ned_mps, push), add(pull, formation.level(now.route)))  # Algorithm 1, line 35
         if now.state in (FlightState.TRANSIT, FlightState.RETURNING) and now.dest_ned_m is not None:
@@ -193,6 +199,11 @@ class Guidance:
         """Turn to where that leads."""
         if math.hypot(vel_ned_mps[0], vel_ned_mps[1]) > YAW_SPEED_MPS:
             self.yaw_rad = math.atan2(vel_ned_mps[1], vel_ned_mps[0])
+
+
+def _is_on_lanes(now: GuidanceInput) -> bool:
+    """In a mission that has some: on the way to them or on them, where no tree is ahead."""
+    return now.state is FlightState.TRANSIT and now.phase is SwarmPhase.TRANSIT and now.dest_ned_m is None
 
 
 def _keep_layer(desired: Vec3, layer_m: float, pos_ned_m: Vec3) -> Vec3:

@@ -62,7 +62,8 @@ def merge_returns(
                 when_s = (told.first_s + told.last_s) / 2.0
             off_m = np.zeros(2)
             if session in logs:
-                off_m = fusion.frames.errors_m(logs[session], np.array([when_s]))[0]
+                recorded_m = np.array([[one.north_m, one.east_m]])
+                off_m = fusion.frames.errors_m(logs[session], np.array([when_s]), recorded_m)[0]
             parts.append(_placed(one, off_m, NO_TREE if i is None else tree_of.get(i, NO_TREE)))
     return _joined(parts)
 

@@ -78,7 +78,7 @@ def track_of(points: Sequence[KeyedPoint], fusion: Fusion) -> Track:
     pos_m = np.asarray([(p.point.east_m, p.point.north_m) for p in kept]).reshape(-1, 2)
     for k in np.unique(log).tolist():
         own = log == k
-        pos_m[own] -= fusion.frames.errors_m(k, time_s[own])[:, ::-1]
+        pos_m[own] -= fusion.frames.errors_m(k, time_s[own], pos_m[own][:, ::-1])[:, ::-1]
     return Track(log, time_s, pos_m, np.asarray([p.point.range_m for p in kept]))
 
 

@@ -1,11 +1,11 @@
 """Positions of stems and the vehicles' frame errors, solved together by robust least squares.
 
 Each observation is its stem's position, plus the error of its vehicle's frame at that time, plus its own error. A frame
-error has half of its variance, frame_sd_m squared, from the start on, and half as a first-order Gauss-Markov process of
-CORRELATION_S, at knots between which it is linear; north and east are alike and independent. Stems are eliminated (the
-Schur complement of their diagonal block), what is left is one dense matrix of the frames' unknowns: it is solved, and
-inverted for the errors. Observations that fit badly count less (Huber 1964,
-"Robust estimation of a location parameter", Annals of Mathematical Statistics 35, 73-101), by reweighting.
+error has one part from the start on, and one that is a first-order Gauss-Markov process, at knots between which it is
+linear; how large they are, and how slow, `windows` says. North and east are alike and independent. Stems are
+eliminated (the Schur complement of their diagonal block), what is left is one dense matrix of the frames' unknowns: it
+is solved, and inverted for the errors. Observations that fit badly count less (Huber 1964, "Robust estimation of a
+location parameter", Annals of Mathematical Statistics 35, 73-101), by reweighting.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from typing import Any, Final
 import numpy as np
 from scipy import linalg, sparse
 
-from companion.stand.fusion.windows import CORRELATION_S, Columns, Floats, Ints
+from companion.stand.fusion.odometry import OdometryFrame
+from companion.stand.fusion.windows import Columns, Floats, Ints
 
 HUBER: Final = 2.5  # standard deviations; of good observations in a plane 4 % are beyond
 REWEIGHTINGS: Final = 3
@@ -30,7 +31,8 @@ class Knots:
 
     log: Ints
     time_s: Floats
-    sd_m: Floats  # of the frame there, before anything is known
+    constant_sd_m: Floats  # of the frame there, before anything is known: its log's constant,
+    wander_sd_m: Floats  # and what wanders
     spacing_s: float
 
 
@@ -40,14 +42,19 @@ class Frames:
 
     knots: Knots
     error_m: Floats  # knots x 2
+    odometry: tuple[OdometryFrame | None, ...]  # of each log, where its track tells it
 
-    def errors_m(self, log: int, times_s: Floats) -> Floats:
-        """Of one log at these times, k x 2; 0 where it has no knot, that of the nearest beyond the first and last."""
+    def errors_m(self, log: int, times_s: Floats, recorded_m: Floats) -> Floats:
+        """Of places that one log recorded at these times, k x 2: to be taken off.
+
+        Where it has no knot 0; beyond the first and last as at the nearest.
+        """
         own = self.knots.log == log
         if not own.any():
             return np.zeros((len(times_s), 2))
-        at = self.knots.time_s[own]
-        return np.column_stack([np.interp(times_s, at, self.error_m[own, axis]) for axis in (0, 1)])
+        at, frame = self.knots.time_s[own], self.odometry[log]
+        drifted = np.column_stack([np.interp(times_s, at, self.error_m[own, axis]) for axis in (0, 1)])
+        return drifted if frame is None else drifted + recorded_m - frame.place(recorded_m, times_s, times_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,14 +74,22 @@ def knots_of(columns: Columns, spacing_s: float) -> Knots:
     cell = np.floor(columns.time_s / spacing_s)
     both = np.concatenate([np.column_stack((columns.log, cell + end)) for end in (0, 1)])
     pairs, which = np.unique(both, axis=0, return_inverse=True)
-    total, count = (np.bincount(which.ravel(), w, len(pairs)) for w in (np.tile(columns.frame_prior_sd_m**2, 2), None))
-    return Knots(pairs[:, 0].astype(np.int64), pairs[:, 1] * spacing_s, np.sqrt(total / count), spacing_s)
+    log, wander_m = pairs[:, 0].astype(np.int64), _rms_of(np.tile(columns.wander_sd_m, 2), which.ravel())
+    # Of a log one and the same: what is there from the start on would change with it
+    constant_m = _rms_of(columns.constant_sd_m, columns.log)[log]
+    return Knots(log, pairs[:, 1] * spacing_s, constant_m, wander_m, spacing_s)
+
+
+def _rms_of(values: Floats, group: Ints) -> Floats:
+    """Root mean square of each group."""
+    mean: Floats = np.bincount(group, values**2) / np.bincount(group)
+    return np.sqrt(mean)
 
 
 def solve_positions(columns: Columns, stem: Ints, count: int, knots: Knots) -> Solution:
     """`stem`: of each observation, 0 .. count - 1, each with one at least."""
     design = _design(columns, knots)
-    prior = _prior(knots, len(columns.logs))
+    prior = _prior(knots, columns.correlation_s)
     weight = np.ones(columns.n)
     for _ in range(REWEIGHTINGS):
         solved = _solve(columns, stem, count, design, prior, weight)
@@ -88,7 +103,7 @@ def solve_positions(columns: Columns, stem: Ints, count: int, knots: Knots) -> S
     return Solution(
         stem_m=stem_m,
         stem_sd_m=np.sqrt(np.maximum(factor * stem_var, LEAST_VARIANCE)),
-        frames=Frames(knots, _at_knots(knots, len(columns.logs)) @ u),
+        frames=Frames(knots, _at_knots(knots, len(columns.logs)) @ u, columns.odometry),
         error_m=design @ u,
         error_sd_m=np.sqrt(np.maximum(error_var, LEAST_VARIANCE)),
         weight=weight,
@@ -111,23 +126,23 @@ def _design(columns: Columns, knots: Knots) -> Any:
 
 def _at_knots(knots: Knots, logs: int) -> Any:
     """K x unknowns: frame errors of the processes' values and the logs' constants, each of unit variance."""
-    rows, half = np.arange(len(knots.log)), knots.sd_m / np.sqrt(2.0)
-    constants = sparse.csr_array((half, (rows, knots.log)), shape=(len(rows), logs))
-    return sparse.hstack([sparse.diags_array(half), constants], format="csr")
+    rows = np.arange(len(knots.log))
+    constants = sparse.csr_array((knots.constant_sd_m, (rows, knots.log)), shape=(len(rows), logs))
+    return sparse.hstack([sparse.diags_array(knots.wander_sd_m), constants], format="csr")
 
 
-def _prior(knots: Knots, logs: int) -> Any:
+def _prior(knots: Knots, correlation_s: Floats) -> Any:
     """Information of the Gauss-Markov processes, and of the logs' constants."""
     n = len(knots.log)
     same = np.flatnonzero(np.diff(knots.log) == 0)
     first = np.setdiff1d(np.arange(n), same + 1)
-    decay = np.exp(-np.diff(knots.time_s)[same] / CORRELATION_S)
+    decay = np.exp(-np.diff(knots.time_s)[same] / correlation_s[knots.log[same]])
     inverse = 1.0 / np.sqrt(1.0 - decay**2)
     rows = np.arange(len(same))
     steps = sparse.csr_array((inverse, (rows, same + 1)), shape=(len(same), n))
     steps = steps - sparse.csr_array((inverse * decay, (rows, same)), shape=(len(same), n))
     starts = sparse.csr_array((np.ones(len(first)), (first, first)), shape=(n, n))
-    return sparse.block_diag([steps.T @ steps + starts, sparse.eye_array(logs)], format="csr")
+    return sparse.block_diag([steps.T @ steps + starts, sparse.eye_array(len(correlation_s))], format="csr")
 
 
 def _solve(

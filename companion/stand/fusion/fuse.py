@@ -12,7 +12,7 @@ from companion.stand.fusion.adjustment import Frames, Knots
 from companion.stand.fusion.associate import associate_observations
 from companion.stand.fusion.diameters import between_share, fuse_diameters
 from companion.stand.fusion.windows import MAX_KNOTS, columns_of
-from companion.stand.records import KeyedObservation, Session
+from companion.stand.records import KeyedObservation, KeyedPoint, Session
 from companion.survey.observation import Grade
 
 MAX_OBSERVATIONS: Final = 100_000  # 5,000 stems, each measured 20 times
@@ -57,17 +57,21 @@ class TooManyError(Exception):
     """More observations than MAX_OBSERVATIONS, or of more logs than MAX_LOGS."""
 
 
-def fuse(observations: Sequence[KeyedObservation], by_word: Collection[int] = ()) -> Fusion:
+def fuse(
+    observations: Sequence[KeyedObservation], by_word: Collection[int] = (), track: Sequence[KeyedPoint] = ()
+) -> Fusion:
     """`observations`: sorted by key, each once, as records.harvest_of gives them.
 
-    `by_word`: vehicles without satellites, which know the mission's frame by others' word.
+    `by_word`: vehicles without satellites, which know the mission's frame by others' word; `track`: of all, which tells
+    of their odometry.
     """
     if len(observations) > MAX_OBSERVATIONS:
         raise TooManyError(f"{len(observations)} observations of stems: must be at most {MAX_OBSERVATIONS}")
     if not observations:
         none = np.zeros(0)
-        return Fusion((), Frames(Knots(np.zeros(0, dtype=np.int64), none, none, 1.0), np.zeros((0, 2))), (), 0.0)
-    columns = columns_of(observations, by_word)
+        frames = Frames(Knots(np.zeros(0, dtype=np.int64), none, none, none, 1.0), np.zeros((0, 2)), ())
+        return Fusion((), frames, (), 0.0)
+    columns = columns_of(observations, by_word, track)
     if len(columns.logs) > MAX_LOGS:
         raise TooManyError(f"{len(columns.logs)} logs and restarts of their clocks: must be at most {MAX_LOGS}")
     stem, count, solution = associate_observations(columns)

@@ -7,11 +7,12 @@ in one place only. Shifts alone are tried: what heading errors do within sight o
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from companion.stand.fusion.odometry import turned
 from companion.stand.fusion.windows import Floats, Ints
 
 SEARCH_SDS: Final = 5.0  # of the frame error
@@ -22,6 +23,10 @@ SPREAD_M: Final = (
 )
 REFINEMENTS: Final = 3
 TRIED_MAX: Final = 1_000  # shifts
+TURNS: Final = 12  # tried to either side,
+TURNS_SDS: Final = 3.0  # up to so many of its standard deviations
+TURN_SPREAD_M: Final = 0.5  # by which stems may differ then: half of a turn's step over 60 m, and the odometry's drift
+VOTE_M: Final = 1.0
 CLUTTER: Final = 0.05  # likelihood of a stem that has no partner, beside 1 of one that fits exactly
 
 
@@ -55,6 +60,37 @@ def register_stems(seen: Constellation, prior_sd_m: float, known: KnownStems, sp
     return Registered(shift, spread_m / np.sqrt(total))
 
 
+def find_turn(seen: Constellation, pivot_m: Floats, turn_sd_rad: float, prior_sd_m: float, known: KnownStems) -> float:
+    """The turn of `seen` about a place, clockwise, with which some shift fits it best to the known stems, rad.
+
+    For each turn the shift that most pairs agree on is scored.
+    """
+    best, found_rad = -math.inf, 0.0
+    within_m = min(SEARCH_SDS * prior_sd_m, SEARCH_MAX_M)
+    for k in range(-TURNS, TURNS + 1):
+        turn_rad = k * TURNS_SDS * turn_sd_rad / TURNS
+        there = seen._replace(pos_m=turned(seen.pos_m - pivot_m, turn_rad) + pivot_m)
+        own, shifts, alike = _pairs(there, within_m, known)
+        if not len(own):
+            continue
+        shift = _most_voted(shifts, alike, within_m)
+        score = _score(shift, shifts, alike, own, prior_sd_m, TURN_SPREAD_M) - 0.5 * (turn_rad / turn_sd_rad) ** 2
+        if score > best:
+            best, found_rad = score, turn_rad
+    return found_rad
+
+
+def _most_voted(shifts: Floats, alike: Floats, within_m: float) -> Floats:
+    """The middle of the fullest square of VOTE_M, of squares that overlap by half."""
+    count = 2 * math.ceil(within_m / VOTE_M) + 1
+    cell = np.floor(shifts / (VOTE_M / 2.0)).astype(np.int64) + count
+    votes = np.zeros((2 * count, 2 * count))
+    np.add.at(votes, (cell[:, 0], cell[:, 1]), alike)
+    squares = votes[:-1, :-1] + votes[1:, :-1] + votes[:-1, 1:] + votes[1:, 1:]
+    place = np.unravel_index(int(np.argmax(squares)), squares.shape)
+    return (np.asarray(place, dtype=np.float64) + 1.0 - count) * (VOTE_M / 2.0)
+
+
 class KnownStems:
     """Stems so far, for looking up."""
 
@@ -67,7 +103,7 @@ class KnownStems:
         none = np.zeros(0, dtype=np.int64)
         if self._tree is None:
             return none, none
-        near = [self._tree.query_ball_point(place, within_m, return_sorted=True) for place in pos_m]
+        near: Any = self._tree.query_ball_point(pos_m, within_m, return_sorted=True)
         own = np.repeat(np.arange(len(pos_m)), [len(found) for found in near])
         other = np.concatenate([none, *(np.asarray(found, dtype=np.int64) for found in near)])
         return own.astype(np.int64), other

@@ -51,7 +51,7 @@ def write_products(
     `origin_note`: what the report is to say of the mission's origin.
     """
     harvest = harvest_of(records)
-    fusion = fuse(harvest.observations, mission.without_satellites)
+    fusion = fuse(harvest.observations, mission.without_satellites, harvest.track)
     area_m = mission.surveyed_enu_m
     ground = figures_of(harvest, fusion, area_m=area_m, form_height_m=form_height_m)
     out_dir.mkdir(parents=True, exist_ok=True)

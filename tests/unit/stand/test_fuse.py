@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 from dataclasses import replace
 
@@ -12,9 +13,11 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from companion.stand.figures.estimate import figures_of
+from companion.stand.figures.ground import track_of
 from companion.stand.fusion import fuse as fuse_module
 from companion.stand.fusion import windows
 from companion.stand.fusion.fuse import TooManyError, fuse
+from companion.stand.fusion.odometry import odometry_of
 from companion.stand.records import StoredRecord, harvest_of
 from companion.survey.observation import STEM_KIND, Grade, StemObservation, decode, encode
 from companion.survey.track import TRACK_KIND, TrackPoint, encode_track
@@ -300,3 +303,75 @@ def test_vehicles_that_know_the_frame_by_anothers_word_do_not_move_the_map() -> 
 
     assert off_m(()) > 0.7
     assert off_m((2, 3, 4)) < 0.3
+
+
+def walked(
+    *, tells: bool, swing_m: float = 2.0, compass_deg: float = 0.0, seen_to_m: float = 30.0
+) -> tuple[list[StoredRecord], np.ndarray]:
+    """Of two vehicles, and the trees: the first saw those up to seen_to_m, by satellites. The second went on alone.
+
+    It knows the mission's frame by a word that swings within 40 s; its odometry goes by a compass, and is right but for
+    that. `tells`: in its track.
+    """
+    rng = np.random.default_rng(8)
+    trees = np.column_stack((rng.uniform(-6.0, 6.0, 60), np.sort(rng.uniform(0.0, 150.0, 60))))
+    cos, sin = math.cos(math.radians(compass_deg)), math.sin(math.radians(compass_deg))
+    by_compass = np.array([[cos, -sin], [sin, cos]])
+
+    def added_m(at_s: float) -> np.ndarray:
+        here = np.array([0.0, 1.5 * (at_s - 10.0)])
+        return here - by_compass @ here + swing_m * np.array([math.sin(at_s / 6.0), math.cos(at_s / 6.0)])
+
+    seen, track = [], []
+    for k, (north, east) in enumerate(trees):
+        at_s, dbh_m = 10.0 + east / 1.5, 0.15 + 0.005 * k
+        if east < seen_to_m:
+            seen.append(said(1, north_m=north, east_m=east, dbh_m=dbh_m, at_s=at_s))
+        told = by_compass @ trees[k] + (added_m(at_s) + added_m(at_s + 4.0)) / 2.0
+        seen.append(said(2, north_m=float(told[0]), east_m=float(told[1]), dbh_m=dbh_m, at_s=at_s))
+    for at_s in np.arange(4.0, 124.0, 2.0).tolist():
+        added = added_m(at_s)
+        told = by_compass @ np.array([0.0, 1.5 * (at_s - 10.0)]) + added
+        shift = (float(added[0]), float(added[1])) if tells else None
+        track.append(TrackPoint(2, at_s, float(told[0]), float(told[1]), 0.6, 7.0, shift))
+    made = [(o.last_s, o.vehicle_id, STEM_KIND, encode(o)) for o in seen]
+    made += [(p.at_s, p.vehicle_id, TRACK_KIND, encode_track(p)) for p in track]
+    records = [StoredRecord(who, 7, k, kind, at_s, body) for k, (at_s, who, kind, body) in enumerate(sorted(made), 1)]
+    return records, trees
+
+
+def test_what_a_vehicle_saw_stays_together_as_its_odometry_had_it() -> None:
+    def worst_m(*, tells: bool) -> float:
+        records, trees = walked(tells=tells)
+        harvest = harvest_of(records)
+        stems = fuse(harvest.observations, (2,), harvest.track).stems
+        assert len(stems) == len(trees)
+        return float(cKDTree(trees).query([(stem.north_m, stem.east_m) for stem in stems])[0].max())
+
+    assert worst_m(tells=True) < 0.4
+    assert worst_m(tells=False) > 1.5
+
+
+@pytest.mark.parametrize("compass_deg", [-6.0, 5.0])
+def test_odometry_by_a_wrong_compass_is_turned_to_what_others_saw(compass_deg: float) -> None:
+    records, trees = walked(tells=True, compass_deg=compass_deg, seen_to_m=75.0)
+    harvest = harvest_of(records)
+    fusion = fuse(harvest.observations, (2,), harvest.track)
+    assert len(fusion.stems) == len(trees)
+    assert cKDTree(trees).query([(stem.north_m, stem.east_m) for stem in fusion.stems])[0].max() < 0.5
+    frame = fusion.frames.odometry[1]
+    assert frame is not None
+    assert math.degrees(frame.turn_rad) == pytest.approx(-compass_deg, abs=0.3)
+
+
+def test_a_track_lies_where_its_stems_do() -> None:
+    records, _ = walked(tells=True)
+    harvest = harvest_of(records)
+    track = track_of(harvest.track, fuse(harvest.observations, (2,), harvest.track))
+    assert np.abs(track.pos_m[:, 1]).max() < 0.4  # north of the way that was flown
+    assert np.abs(track.pos_m[:, 0] - 1.5 * (track.time_s - 10.0)).max() < 0.4
+
+
+def test_a_shift_that_no_vehicle_can_have_is_not_gone_by() -> None:
+    assert len(odometry_of(harvest_of(walked(tells=True)[0]).track)) == 1
+    assert not odometry_of(harvest_of(walked(tells=True, swing_m=40.0)[0]).track)

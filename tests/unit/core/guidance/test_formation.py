@@ -10,8 +10,10 @@ from companion.core.guidance import formation
 from companion.core.guidance.formation import LEADER_ROUTE, NOWHERE, Route
 from companion.core.model.beacon import NO_ROUTE
 from companion.core.model.neighbour import Neighbour
+from companion.core.model.states import FlightState
 from companion.core.model.vectors import ZERO, norm
 from mission.common.frames import Vec3
+from mission.lanes.spread import LineAbreast
 from tests.unit.core.core_kit import neighbour
 
 RANGE_M = 30.0
@@ -257,3 +259,45 @@ def test_bad_link_slows_the_swarm_but_never_stops_it(share: float, governed: flo
 def test_bad_link_near_the_end_of_the_range_stops_the_swarm_as_any() -> None:
     own = formation.route([neighbour(2, (29.0, 0.0, 0.0), share=0.2, route_cost=1.0)], range_m=30.0)
     assert formation.governor(own, [], range_m=30.0, link_is_bad=True) == 0.0
+
+
+# --- line abreast on lanes ---
+
+LINE = LineAbreast(6.0, 8.0)
+NORTH = (1.0, 0.0)
+
+
+def flown_abreast(starts: list[tuple[float, float]], axis: tuple[float, float]) -> list[tuple[float, float]]:
+    """Where followers come to, about a leader that rests at (0, 0)."""
+    places = list(starts)
+    for _ in range(600):
+        moved = []
+        for k, (n, e) in enumerate(places):
+            others = [neighbour(1, (-n, -e, 0.0), route_cost=0.0)]
+            others += [
+                neighbour(j + 2, (p[0] - n, p[1] - e, 0.0), route_cost=1.0) for j, p in enumerate(places) if j != k
+            ]
+            to_n, to_e, to_d = formation.line_abreast(others, LINE, axis)
+            assert to_d == 0.0
+            assert norm((to_n, to_e, to_d)) <= formation.ABREAST_LIMIT_MPS + 1e-9
+            moved.append((n + 0.1 * to_n, e + 0.1 * to_e))
+        places = moved
+    return places
+
+
+def test_followers_come_to_places_on_both_sides_of_the_leader_every_second_one_behind() -> None:
+    found = flown_abreast([(3.0, 1.0), (-9.0, 2.0), (-5.0, -1.0), (-8.0, 7.0)], NORTH)
+    wanted = [(0.0, -12.0), (-8.0, -6.0), (-8.0, 6.0), (0.0, 12.0)]
+    assert sorted(found, key=lambda p: p[1]) == [pytest.approx(place, abs=1e-3) for place in wanted]
+
+
+def test_nobody_changes_places_when_the_course_turns_as_the_axis_does_not() -> None:
+    settled = flown_abreast([(3.0, 1.0), (-9.0, 2.0), (-5.0, -1.0)], (0.0, 1.0))
+    assert flown_abreast(settled, (0.0, 1.0)) == [pytest.approx(place, abs=1e-3) for place in settled]
+
+
+def test_one_that_does_not_hear_the_leader_and_one_that_hovers_count_for_nothing() -> None:
+    beside, hovers = at(5.0), neighbour(3, (0.0, -4.0, 0.0), route_cost=1.0, state=FlightState.HOLD)
+    assert formation.line_abreast([neighbour(2, beside, route_cost=1.0)], LINE, NORTH) == ZERO
+    leader = neighbour(1, ZERO, route_cost=0.0)
+    assert formation.line_abreast([leader, hovers], LINE, NORTH) == formation.line_abreast([leader], LINE, NORTH)

@@ -22,6 +22,7 @@ def surveys(**survey: object) -> Mission:
     """Two lanes, four ends."""
     return mission(
         route={"d2_enu_m": (0.0, 30.0, 8.0), "at_end": "land"},
+        swarm={"size": 2},
         coverage={"duration_s": 0.0},
         sensing={"sensor": "scan-1deg", "range_m": 8.0},
         survey={

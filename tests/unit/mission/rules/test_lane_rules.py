@@ -31,17 +31,17 @@ def surveying(n: int = 4, area: Any = AREA, fence: Any = FENCE, **tables: dict[s
 
 def test_lanes_become_visits_that_are_passed_at_the_height_of_d2() -> None:
     mission = surveying()
-    assert len(mission.lanes) == 5
+    assert len(mission.lanes) == 3
     *ends, d2 = mission.visits
-    assert len(ends) == 10
+    assert len(ends) == 6
     assert all(end.is_passed and end.duration_s == 0.0 and end.pos_enu_m[2] == 4.0 for end in ends)
     assert not d2.is_passed
     assert mission.surveyed_enu_m == tuple(map(tuple, AREA))
-    assert mission.way_m > mission.route.length_m + 5 * 100.0
+    assert mission.way_m > mission.route.length_m + 3 * 100.0
 
 
 def test_more_vehicles_take_fewer_lanes() -> None:
-    assert [len(surveying(n).lanes) for n in (1, 2, 4, 8)] == [12, 7, 5, 4]
+    assert [len(surveying(n).lanes) for n in (1, 2, 4, 8)] == [12, 6, 3, 2]
 
 
 def test_lanes_take_the_place_of_stops() -> None:
@@ -56,7 +56,7 @@ def test_more_lanes_than_beacons_can_count_are_refused() -> None:
 
 def test_a_fence_that_leaves_no_room_is_refused_with_the_lane_the_place_and_the_room() -> None:
     tight = [[-30.0, -32.0], [160.0, -32.0], [160.0, 60.0], [-30.0, 60.0]]
-    place = r"the way to lane 1, from \(.*\) to \(.*\), which is 4.5 m inside the fence"
+    place = r"lane 1, from \(.*\) to \(.*\), which is 10.9 m inside the fence"
     with pytest.raises(ValueError, match=f"needs {place}"):
         surveying(fence=tight)
 
@@ -74,7 +74,7 @@ def test_lanes_beneath_the_ground_are_refused() -> None:
 
 
 def test_a_time_limit_counts_lanes() -> None:
-    with pytest.raises(ValueError, match=r"sim\.time_limit_s = 200\.0: must be above .* s, which 5 lanes take"):
+    with pytest.raises(ValueError, match=r"sim\.time_limit_s = 200\.0: must be above .* s, which 3 lanes take"):
         surveying(sim={"time_limit_s": 200.0})
 
 
