@@ -37,6 +37,7 @@ class Reason(Enum):
     BLOCKED = "column above not known free"
     NOT_ALONE = "another vehicle is up"
     TIME_UP = f"{ALOFT_MAX_S:.0f} s are up"
+    UNREACHED = "column not reached"
     NOT_RESTING = "not at rest"
     HEARD = "base station acknowledges records"
 

@@ -193,9 +193,11 @@ class ColumnRise(Rise):
 
     def _approach_column(self, picture: Picture, orders: Orders) -> list[Say]:
         reason = find_reason(DESCENDS, self._take_readings(picture, orders))
-        if reason is not None or picture.now_s - self._began_s > APPROACH_S:
+        if reason is None and picture.now_s - self._began_s > APPROACH_S:
+            reason = Reason.UNREACHED
+        if reason is not None:
             self._end_rise(picture.now_s)
-            return [Say(Severity.NOTICE, f"not rising: {'column not reached' if reason is None else reason.value}")]
+            return [Say(Severity.NOTICE, f"not rising: {reason.value}")]
         if self._off_m <= THERE_M and picture.settled:
             self.stage, self._began_s = Stage.RISES, picture.now_s
         return []
