@@ -359,7 +359,7 @@ class Agent:
             own,
             *others,
             self.perception.observe_obstacles(own.pos_ned_m, placed_ned_m, hovering, picture.now_s),
-            seen=self.perception.find_vehicles(own.pos_ned_m, neighbours, picture.now_s),
+            seen=self.perception.find_vehicles(own.pos_ned_m, picture.neighbours, picture.now_s),
             off_ned_m=off_ned_m,
             bias_ned_mps=bias,
             disturbance=disturbance,

@@ -13,6 +13,9 @@ from mission.schema.tables import CoverageShape, MissionTables
 ABOVE_M: Final = 1.0  # of the top: seen free, too, as heights are off
 BEFORE_S: Final = 10.0  # in coverage before anybody rises
 MARGIN_M: Final = 1.0  # of a sensor's reach: it sees the far side of the column
+APPROACH_S: Final = 20.0  # to the column
+ALOFT_MAX_S: Final = 90.0  # on the way up, and there
+DOWN_MPS: Final = 1.0  # at most: as fast as the safety filter backs off from a ceiling
 
 
 def conflicts(mission: MissionTables) -> Iterator[Conflict]:
@@ -54,6 +57,11 @@ def _sensor(mission: MissionTables, key: str) -> Iterator[Conflict]:
             f"is seen from {away_m:.1f} m away and farther, by rays of {ray_m:.1f} m: needs sensing.range_m of at "
             f"least {ray_m + MARGIN_M:.1f}",
         )
+
+
+def longest_rise_s(mission: MissionTables) -> float:
+    """Time by which a leader's rise may prolong coverage; 0: none does. From the ground at worst, and half as fast."""
+    return 0.0 if mission.rise_to_m is None else APPROACH_S + ALOFT_MAX_S + 2.0 * mission.rise_to_m / DOWN_MPS
 
 
 def upward_view(mission: MissionTables) -> tuple[float, float] | None:

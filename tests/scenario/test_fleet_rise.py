@@ -12,9 +12,9 @@ from companion.core.agent import TICK_S
 from companion.core.model.stand import RecordsWaiting
 from companion.core.model.states import FlightMode, FlightState, Order
 from companion.core.perception.columns.column import Column
-from companion.core.rise.reasons import ALOFT_MAX_S
 from companion.core.rise.rise import ColumnRise, Stage
 from mission.document.model import Mission
+from mission.rules.rise_rules import ALOFT_MAX_S
 from tests.unit.core.core_fleet import Aircraft, Fleet
 from tests.unit.core.core_kit import mission
 from tests.unit.core.rise.column_kit import see_column
@@ -207,12 +207,22 @@ def test_a_low_battery_brings_it_down() -> None:
     assert comes_down(swarm, leader) < 0.5
 
 
-def test_its_time_brings_it_down_and_not_again_at_once() -> None:
+def test_its_time_brings_it_down_and_it_goes_on_without_being_doubted() -> None:
+    """Its followers believe in a coverage that is so much longer, and it does not prolong it again."""
     swarm, leader = risen()
     swarm.until_true(lambda: leader.altitude_m < CEILING_M, limit_s=ALOFT_MAX_S + 30.0)
     assert "rise ends: 90 s are up" in leader.said
-    swarm.run(20.0)
-    assert leader.altitude_m < CEILING_M
+    swarm.until("LANDED", limit_s=120.0)
+    assert not any("blocked" in text for one in swarm.aircraft.values() for text in one.said)
+    assert sum("rising to" in text for text in leader.said) == 1
+
+
+def test_a_long_coverage_is_not_prolonged_at_its_end_so_that_followers_would_doubt_it() -> None:
+    swarm = covering(surveys(coverage={"duration_s": 200.0, "radius_m": 12.0}))
+    swarm.hears = False
+    swarm.until("LANDED", limit_s=500.0)
+    assert not any("blocked" in text for one in swarm.aircraft.values() for text in one.said)
+    assert sum("rising to" in text for one in swarm.aircraft.values() for text in one.said) == 2
 
 
 @pytest.mark.parametrize("order", [Order.HOLD, Order.LAND, Order.ABORT])

@@ -7,10 +7,9 @@ from enum import Enum
 from typing import Final, NamedTuple
 
 from companion.core.vehicle.failsafe import LOW_BATTERY_PERCENT
-from mission.rules.rise_rules import BEFORE_S
+from mission.rules.rise_rules import ALOFT_MAX_S, BEFORE_S
 
 QUIET_S: Final = 10.0  # without one more record that the base station has acknowledged
-ALOFT_MAX_S: Final = 90.0  # on the way up, and there
 
 
 class RiseReadings(NamedTuple):
@@ -19,6 +18,7 @@ class RiseReadings(NamedTuple):
     leads: bool  # it is the acting leader, with a majority
     covers: bool  # by its phase and its own flight: no order and no failsafe has it do otherwise
     rests_s: float  # at its place in coverage, for so long
+    is_late: bool  # coverage would have ended by now: it may not be prolonged again
     waiting: int  # records that it knows of, and that the base station has not acknowledged
     quiet_s: float  # since the base station has acknowledged one more
     battery_percent: int | None
@@ -38,6 +38,7 @@ class Reason(Enum):
     NOT_ALONE = "another vehicle is up"
     TIME_UP = f"{ALOFT_MAX_S:.0f} s are up"
     UNREACHED = "column not reached"
+    LATE = "coverage nearly over"
     NOT_RESTING = "not at rest"
     HEARD = "base station acknowledges records"
 
@@ -66,6 +67,7 @@ DESCENDS: Final[list[tuple[Reason, Detect]]] = [
 STAYS: Final[list[tuple[Reason, Detect]]] = [
     *ALWAYS,
     (Reason.NOT_RESTING, lambda r: r.rests_s < BEFORE_S),
+    (Reason.LATE, lambda r: r.is_late),
     (Reason.HEARD, lambda r: r.quiet_s < QUIET_S),
     (Reason.NOT_ALONE, lambda r: not r.is_alone),
 ]

@@ -25,12 +25,13 @@ from companion.core.rise.reasons import DESCENDS, SAID, STAYS, Reason, RiseReadi
 from companion.core.safety.clearance import MARGIN_M, Use, clearance_m
 from companion.core.swarm.orders import Orders
 from companion.core.swarm.picture import Picture
+from mission.common.forming import FORMING_LIMIT_S
 from mission.common.frames import Vec3
 from mission.document.model import Mission
+from mission.rules.rise_rules import APPROACH_S, DOWN_MPS
 
 NO_COLUMN: Final = -math.inf
 REACH_M: Final = 8.0  # level, from the place in coverage to a column
-APPROACH_S: Final = 20.0  # to get there
 THERE_M: Final = 0.3  # of the axis
 CLIMBS_M: Final = 0.5  # of the axis: farther off it goes neither up nor down
 LEAVES_M: Final = 0.8  # of the axis: farther off the column is not its own any more
@@ -38,7 +39,6 @@ LEVEL_GAIN_PER_S: Final = 0.8
 LEVEL_MPS: Final = 1.0
 UP_GAIN_PER_S: Final = 1.0
 UP_MPS: Final = 1.0
-DOWN_MPS: Final = 1.0  # as fast as the filter backs off from a ceiling
 BELOW_M: Final = 0.2  # less than the filter allows at the top
 DOWN_M: Final = 0.5  # of the height of coverage: it is down
 ABOVE_M: Final = 1.0  # the height that holds all others: what heights are off
@@ -101,6 +101,7 @@ class ColumnRise(Rise):
         self._top_m: Final = rise_to_m
         self._ceiling_m: Final = mission.fence.altitude_max_m
         self._heights_m: Final = [visit.pos_enu_m[2] for visit in mission.visits]
+        self._ends_s: Final = [visit.duration_s + FORMING_LIMIT_S for visit in mission.visits]  # at the latest
         self._lane_ends: Final = 2 * len(mission.lanes)  # visits, before all others: no tree is ahead
         self._radius_m: Final = mission.coverage.radius_m
         self._sees_m: Final = sees_m + mission.coverage.radius_m
@@ -113,6 +114,7 @@ class ColumnRise(Rise):
         self._home_up_m = self._heights_m[0]
         self._laid_stop = -1
         self._began_s = self._again_s = self._looked_s = -math.inf
+        self._covers_since: tuple[int, float] | None = None  # stop, and when coverage there began
         self._rests_since_s: float | None = None
         self._waiting = 0
         self._grew_s: float | None = None  # when the base station acknowledged one more
@@ -174,6 +176,8 @@ class ColumnRise(Rise):
 
     def _consider_rise(self, picture: Picture, orders: Orders) -> list[Say]:
         now_s = picture.now_s
+        if orders.phase is SwarmPhase.COVERAGE and (self._covers_since is None or self._covers_since[0] != orders.stop):
+            self._covers_since = (orders.stop, now_s)
         if not (_covers(orders) and picture.settled):
             self._rests_since_s = None
         elif self._rests_since_s is None:
@@ -234,6 +238,7 @@ class ColumnRise(Rise):
             leads=orders.role is Role.LEADER and orders.leader != 0 and lease is not None and lease.quorum,
             covers=_covers(orders),
             rests_s=0.0 if self._rests_since_s is None else now_s - self._rests_since_s,
+            is_late=self._is_late(orders.stop, now_s),
             waiting=self._waiting,
             quiet_s=0.0 if self._grew_s is None else now_s - self._grew_s,
             battery_percent=picture.battery_percent,
@@ -241,6 +246,10 @@ class ColumnRise(Rise):
             is_alone=all([self._up_m - rel[2] <= self._ceiling_m + ABOVE_M for rel in _places_of(picture)]),
             since_s=now_s - self._began_s,
         )
+
+    def _is_late(self, stop: int, now_s: float) -> bool:
+        """Who follows believes in a coverage that is prolonged by one rise."""
+        return self._covers_since is None or now_s - self._covers_since[1] > self._ends_s[stop]
 
     # --- the way ---
 
