@@ -354,7 +354,7 @@ class Agent:
         off_ned_m, commanded = self.localiser.offset_ned_m, self.setpoint.vel_ned_mps
         disturbance = self.disturbances.observe_disturbance(own, add(commanded, bias), TICK_S, vehicle.shaping)
         placed_ned_m = own.pos_ned_m if off_ned_m == ZERO else add(own.pos_ned_m, off_ned_m)
-        neighbours, hovering = others = self.rise.bring_beside(picture)
+        _, hovering = others = self.rise.bring_beside(picture)
         return Surroundings(
             own,
             *others,

@@ -17,8 +17,7 @@ class RiseReadings(NamedTuple):
 
     leads: bool  # it is the acting leader, with a majority
     covers: bool  # by its phase and its own flight: no order and no failsafe has it do otherwise
-    rests_s: float  # at its place in coverage, for so long
-    is_late: bool  # coverage would have ended by now: it may not be prolonged again
+    rests_s: float  # as leader at its place in coverage, for so long
     waiting: int  # records that it knows of, and that the base station has not acknowledged
     quiet_s: float  # since the base station has acknowledged one more
     battery_percent: int | None
@@ -38,7 +37,6 @@ class Reason(Enum):
     NOT_ALONE = "another vehicle is up"
     TIME_UP = f"{ALOFT_MAX_S:.0f} s are up"
     UNREACHED = "column not reached"
-    LATE = "coverage nearly over"
     NOT_RESTING = "not at rest"
     HEARD = "base station acknowledges records"
 
@@ -67,7 +65,6 @@ DESCENDS: Final[list[tuple[Reason, Detect]]] = [
 STAYS: Final[list[tuple[Reason, Detect]]] = [
     *ALWAYS,
     (Reason.NOT_RESTING, lambda r: r.rests_s < BEFORE_S),
-    (Reason.LATE, lambda r: r.is_late),
     (Reason.HEARD, lambda r: r.quiet_s < QUIET_S),
     (Reason.NOT_ALONE, lambda r: not r.is_alone),
 ]

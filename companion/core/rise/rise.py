@@ -25,7 +25,6 @@ from companion.core.rise.reasons import DESCENDS, SAID, STAYS, Reason, RiseReadi
 from companion.core.safety.clearance import MARGIN_M, Use, clearance_m
 from companion.core.swarm.orders import Orders
 from companion.core.swarm.picture import Picture
-from mission.common.forming import FORMING_LIMIT_S
 from mission.common.frames import Vec3
 from mission.document.model import Mission
 from mission.rules.rise_rules import APPROACH_S, DOWN_MPS
@@ -101,7 +100,6 @@ class ColumnRise(Rise):
         self._top_m: Final = rise_to_m
         self._ceiling_m: Final = mission.fence.altitude_max_m
         self._heights_m: Final = [visit.pos_enu_m[2] for visit in mission.visits]
-        self._ends_s: Final = [visit.duration_s + FORMING_LIMIT_S for visit in mission.visits]  # at the latest
         self._lane_ends: Final = 2 * len(mission.lanes)  # visits, before all others: no tree is ahead
         self._radius_m: Final = mission.coverage.radius_m
         self._sees_m: Final = sees_m + mission.coverage.radius_m
@@ -114,7 +112,6 @@ class ColumnRise(Rise):
         self._home_up_m = self._heights_m[0]
         self._laid_stop = -1
         self._began_s = self._again_s = self._looked_s = -math.inf
-        self._covers_since: tuple[int, float] | None = None  # stop, and when coverage there began
         self._rests_since_s: float | None = None
         self._waiting = 0
         self._grew_s: float | None = None  # when the base station acknowledged one more
@@ -176,9 +173,8 @@ class ColumnRise(Rise):
 
     def _consider_rise(self, picture: Picture, orders: Orders) -> list[Say]:
         now_s = picture.now_s
-        if orders.phase is SwarmPhase.COVERAGE and (self._covers_since is None or self._covers_since[0] != orders.stop):
-            self._covers_since = (orders.stop, now_s)
-        if not (_covers(orders) and picture.settled):
+        # As leader: whose time at the tree is up goes on before, so that no two rises prolong one coverage
+        if not (_leads(orders) and _covers(orders) and picture.settled):
             self._rests_since_s = None
         elif self._rests_since_s is None:
             self._rests_since_s = now_s
@@ -233,12 +229,10 @@ class ColumnRise(Rise):
 
     def _take_readings(self, picture: Picture, orders: Orders) -> RiseReadings:
         now_s, column = picture.now_s, self._column
-        lease = orders.lease
         return RiseReadings(
-            leads=orders.role is Role.LEADER and orders.leader != 0 and lease is not None and lease.quorum,
+            leads=_leads(orders),
             covers=_covers(orders),
             rests_s=0.0 if self._rests_since_s is None else now_s - self._rests_since_s,
-            is_late=self._is_late(orders.stop, now_s),
             waiting=self._waiting,
             quiet_s=0.0 if self._grew_s is None else now_s - self._grew_s,
             battery_percent=picture.battery_percent,
@@ -246,10 +240,6 @@ class ColumnRise(Rise):
             is_alone=all([self._up_m - rel[2] <= self._ceiling_m + ABOVE_M for rel in _places_of(picture)]),
             since_s=now_s - self._began_s,
         )
-
-    def _is_late(self, stop: int, now_s: float) -> bool:
-        """Who follows believes in a coverage that is prolonged by one rise."""
-        return self._covers_since is None or now_s - self._covers_since[1] > self._ends_s[stop]
 
     # --- the way ---
 
@@ -296,6 +286,12 @@ class ColumnRise(Rise):
     @property
     def _off_m(self) -> float:
         return math.hypot(self._axis_ne_m[0] - self._placed_ned_m[0], self._axis_ne_m[1] - self._placed_ned_m[1])
+
+
+def _leads(orders: Orders) -> bool:
+    """The acting leader, of a majority."""
+    lease = orders.lease
+    return orders.role is Role.LEADER and orders.leader != 0 and lease is not None and lease.quorum
 
 
 def _covers(orders: Orders) -> bool:
