@@ -176,6 +176,32 @@ def test_a_column_near_by_is_taken_where_the_nearest_has_a_branch() -> None:
     assert math.dist((near[0].north_m, near[0].east_m), leader.pos_ned_m[:2]) > 1.5
 
 
+def test_no_column_is_taken_in_which_another_hovers() -> None:
+    swarm = covering(surveys(5))
+    leader = swarm.leader()
+    near = min(columns_of(leader), key=lambda c: math.dist((c.north_m, c.east_m), leader.pos_ned_m[:2]))
+    other = next(one for one in swarm.aircraft.values() if one is not leader)
+    swarm.hung = {other.id}  # its autopilot holds it there
+    there = (near.north_m + 4.0, near.east_m)
+    other.put((*there, -UP_M))
+    swarm.run(60.0)
+    assert all(math.dist(there, one.pos_ned_m[:2]) > 4.5 for one in swarm.aircraft.values() if one is not other)
+
+
+def test_off_its_column_it_does_not_climb_and_farther_off_it_is_not_in_it_any_more() -> None:
+    swarm, leader = risen()
+    for off_m, falls in ((0.7, False), (1.5, True)):
+        rise = rise_of(leader)
+        north, east = rise._axis_ne_m
+        heights_m = []
+        for _ in range(50):  # a wind that it cannot hold
+            leader.put((north + off_m, east, leader.pos_ned_m[2]))
+            swarm.tick()
+            heights_m.append(leader.altitude_m)
+        assert heights_m[-1] < heights_m[20] + 0.1  # a second for its speed to end
+        assert (heights_m[-1] < heights_m[20] - 0.5) is falls
+
+
 def test_others_are_not_led_up_and_keep_out_from_under_it() -> None:
     swarm, leader = risen()
     other = next(one for one in swarm.aircraft.values() if one is not leader)

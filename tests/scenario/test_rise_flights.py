@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
 from companion.core.agent import TICK_S
 from companion.core.model.states import SwarmPhase
@@ -34,7 +33,6 @@ def behind_a_wall(rise_to_m: float | None, **sim: Any) -> Mission:
         "survey": {} if rise_to_m is None else {"rise_to_m": rise_to_m},
         "forest": {
             "boxes": [{"centre_enu_m": (16.0, 0.0), "length_m": 1.0, "width_m": 14.0, "height_m": 6.0}],
-            "trees": [{"base_enu_m": (45.0, 0.0), "trunk_radius_m": 0.2, "height_m": 12.0}],
         },
         "sim": {"seed": 1, "radio_trunks": "cut", **sim},
     }
@@ -62,7 +60,6 @@ def count_at_base(folder: Path) -> int:
     return sum(body.isdigit() for body in bodies_at_base(folder))
 
 
-@pytest.mark.sources
 def test_a_leader_that_rises_delivers_what_stays_behind_the_wall_without_it(tmp_path: Path) -> None:
     delivered, highest_m = {}, {}
     for rise_to_m in (None, TOP_M):

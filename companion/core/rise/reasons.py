@@ -17,7 +17,8 @@ class RiseReadings(NamedTuple):
 
     leads: bool  # it is the acting leader, with a majority
     covers: bool  # by its phase and its own flight: no order and no failsafe has it do otherwise
-    rests_s: float  # as leader at its place in coverage, for so long
+    covers_s: float  # for so long, as leader
+    rests: bool  # now: gusts move it from time to time
     waiting: int  # records that it knows of, and that the base station has not acknowledged
     quiet_s: float  # since the base station has acknowledged one more
     battery_percent: int | None
@@ -64,7 +65,7 @@ DESCENDS: Final[list[tuple[Reason, Detect]]] = [
 # At rest: stay. Where none holds a column is looked for; BLOCKED: there is none.
 STAYS: Final[list[tuple[Reason, Detect]]] = [
     *ALWAYS,
-    (Reason.NOT_RESTING, lambda r: r.rests_s < BEFORE_S),
+    (Reason.NOT_RESTING, lambda r: r.covers_s < BEFORE_S or not r.rests),
     (Reason.HEARD, lambda r: r.quiet_s < QUIET_S),
     (Reason.NOT_ALONE, lambda r: not r.is_alone),
 ]

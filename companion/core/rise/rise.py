@@ -112,7 +112,7 @@ class ColumnRise(Rise):
         self._home_up_m = self._heights_m[0]
         self._laid_stop = -1
         self._began_s = self._again_s = self._looked_s = -math.inf
-        self._rests_since_s: float | None = None
+        self._covers_since_s: float | None = None
         self._waiting = 0
         self._grew_s: float | None = None  # when the base station acknowledged one more
         self._stayed_by: tuple[Reason, int] | None = None  # that was said last, and at which stop
@@ -138,7 +138,7 @@ class ColumnRise(Rise):
         self._placed_ned_m = self._perception.correct_place(own.pos_ned_m)
         self._lay_columns(picture, orders)
         if not orders.steers or not picture.is_steered:  # its autopilot or its pilot has it
-            self.stage, self._rests_since_s = Stage.RESTS, None
+            self.stage, self._covers_since_s = Stage.RESTS, None
             return []
         match self.stage:
             case Stage.RESTS if self._up_m > self._ceiling_m + ABOVE_M:
@@ -174,10 +174,10 @@ class ColumnRise(Rise):
     def _consider_rise(self, picture: Picture, orders: Orders) -> list[Say]:
         now_s = picture.now_s
         # As leader: whose time at the tree is up goes on before, so that no two rises prolong one coverage
-        if not (_leads(orders) and _covers(orders) and picture.settled):
-            self._rests_since_s = None
-        elif self._rests_since_s is None:
-            self._rests_since_s = now_s
+        if not (_leads(orders) and _covers(orders)):
+            self._covers_since_s = None
+        elif self._covers_since_s is None:
+            self._covers_since_s = now_s
         if now_s < self._again_s or now_s - self._looked_s < LOOKS_S:
             return []
         self._looked_s, self._column = now_s, None
@@ -208,7 +208,7 @@ class ColumnRise(Rise):
         return [Say(severity, f"rise ends: {reason.value}")]
 
     def _end_rise(self, now_s: float) -> None:
-        self.stage, self._again_s, self._rests_since_s = Stage.RESTS, now_s + AGAIN_S, None
+        self.stage, self._again_s, self._covers_since_s = Stage.RESTS, now_s + AGAIN_S, None
 
     def _report_stay(self, reason: Reason, stop: int) -> list[Say]:
         """Says why it does not rise, once at each tree."""
@@ -232,7 +232,8 @@ class ColumnRise(Rise):
         return RiseReadings(
             leads=_leads(orders),
             covers=_covers(orders),
-            rests_s=0.0 if self._rests_since_s is None else now_s - self._rests_since_s,
+            covers_s=0.0 if self._covers_since_s is None else now_s - self._covers_since_s,
+            rests=picture.settled,
             waiting=self._waiting,
             quiet_s=0.0 if self._grew_s is None else now_s - self._grew_s,
             battery_percent=picture.battery_percent,

@@ -33,8 +33,9 @@ def see_column(
 
 def see_from(seen: ColumnMap, eye_ned_m: Vec3, now_s: float, *, max_m: float, side: float = 1.0) -> None:
     """A turn of a lidar of layers there, which nothing stops. `side`: -1: it hangs."""
+    turn = TURNS * (round(10.0 * now_s) % 80)
     for elevation_deg in ELEVATIONS_DEG:
         piece = scan(
-            (math.inf,) * 360, turn=TURNS, elevation_rad=side * math.radians(elevation_deg), max_m=max_m, age_s=0.0
+            (math.inf,) * 360, turn=turn, elevation_rad=side * math.radians(elevation_deg), max_m=max_m, age_s=0.0
         )
         seen.integrate(piece, Position(eye_ned_m, ZERO), now_s)
