@@ -24,6 +24,7 @@ from tests.unit.core.core_fleet import Aircraft, Fleet
 from tests.unit.core.core_kit import mission
 from tests.unit.core.rise.column_kit import see_column
 
+pytestmark = pytest.mark.sources
 UP_M, CEILING_M, TOP_M = 8.0, 10.0, 25.0
 HEARD_UP_M = 18.0  # from here on the base station hears a vehicle
 WAITING = 40
