@@ -233,7 +233,7 @@ def preflight_page() -> Iterator[str]:
             good = "height of `route.d1_enu_m`" if isinstance(rule.wanted, float) else rule.text
             yield row(f"`{rule.name}`", good, f"Only without GNSS (`swarm.gnss`). {rule.why}")
         for rule in make.fence_rules(FENCED):
-            good = "`fence.altitude_max_m`" if isinstance(rule.wanted, float) else rule.text
+            good = "`fence.altitude_max_m`, or `survey.rise_to_m`" if isinstance(rule.wanted, float) else rule.text
             yield row(f"`{rule.name}`", good, rule.why)
 
 

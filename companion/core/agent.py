@@ -14,11 +14,12 @@ from companion.core.localisation.makes import build_localiser
 from companion.core.model.actions import Action, Say, SendBeacon, SendOdometry, VelocitySetpoint, brief
 from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import Event, HeardBeacon, OperatorOrder, Position, Ranges, Satellites, Scan
-from companion.core.model.stand import StandMeasured
+from companion.core.model.stand import RecordsWaiting, StandMeasured
 from companion.core.model.states import NOT_YET_FLYING, BeaconFate, FlightState, Order, Role, Severity, SwarmPhase
 from companion.core.model.vectors import ZERO, add
 from companion.core.perception.obstacle_cloud import find_hovering
 from companion.core.perception.obstacle_perception import build_perception
+from companion.core.rise.rise import build_rise
 from companion.core.safety.descent import LandingRoom
 from companion.core.safety.disturbance import build_disturbance_observer
 from companion.core.safety.rest import RestHold
@@ -60,18 +61,17 @@ class Agent:
         self.movement = stages.build_guidance(mission, vehicle_id)
         self.perception = build_perception(mission, vehicle_id)
         self.own_position = OwnPosition(self.localiser, self.perception)
-        self.sensors = ObstacleSensorMonitor(self.perception.stale_s)
+        self.rise, self.sensors = build_rise(mission, self.perception), ObstacleSensorMonitor(self.perception.stale_s)
         self._lane_ends = 2 * len(mission.lanes)  # visits, before all others
         self.disturbances = build_disturbance_observer(mission)
         self.safety_filter = stages.build_safety_filter(mission)
-        self._landing_room, self._rest = LandingRoom(mission), RestHold()
+        self._landing_room, self._rest, self._accepted = LandingRoom(mission), RestHold(), Accepted()
         self.setpoint = AT_REST  # the last that went out
         self.flight = Flight(mission.route.d1_enu_m[2], self.sensors)
         self._ticks_per_beacon = round(TICK_HZ / mission.radio.beacon_rate_hz)
         self._ticks, self._sent_early = 0, False  # a beacon before its time, in this period
         self._last_tick_s: float | None = None
         self._says: list[Say] = []
-        self._accepted = Accepted()
 
     def waive(self, checks: str, unknown: str = "", *, unsigned: bool = False) -> None:
         """An operator accepts these failed checks, and with `unsigned` a radio without keys: said to the ground.
@@ -80,7 +80,7 @@ class Agent:
         """
         self._accepted.accept(checks, unsigned=unsigned)
         if unknown:
-            self._report_text(Severity.WARNING, brief(unknown))
+            self._says.append(Say(Severity.WARNING, brief(unknown)))
 
     def ground(self, why: str) -> None:
         """The reason not to arm this vehicle, in words; empty: it may. One that is in the air already flies on."""
@@ -95,6 +95,8 @@ class Agent:
                 self._obey(event)
             case StandMeasured():
                 self.swarm.phases.note_stand(event.basal_area_pct)
+            case RecordsWaiting():
+                self.rise.note_waiting(event.count, now_s)
             case Position():
                 airborne, commanded = self.flight.vehicle.airborne, self.setpoint.vel_ned_mps
                 flown = self.own_position.receive(event, now_s, airborne=airborne, commanded_ned_mps=commanded)
@@ -133,6 +135,7 @@ class Agent:
         self._last_tick_s = now_s
         picture = self.observe(now_s)
         orders = self.decide(picture)
+        self._says += self.rise.update(picture, orders)
         actions: list[Action] = []
         if picture.own is not None and (orders.broadcasts or orders.steers):  # it is asked for
             self.localiser.update_destination(
@@ -205,7 +208,7 @@ class Agent:
         due, early = self._ticks % self._ticks_per_beacon == 0, False
         self._ticks += 1
         if due:
-            if swarm.run_period(picture, resigns=failsafe_engine.resigns(picture.lacks)):
+            if swarm.run_period(picture, resigns=failsafe_engine.resigns(picture.lacks)) and not self.rise.is_away:
                 swarm.decide_phase(picture, self._to_goal_m(picture))
         elif swarm.election.changed and not self._sent_early:
             swarm.find_route(picture)
@@ -294,7 +297,7 @@ class Agent:
     def _obey(self, event: OperatorOrder) -> None:
         self._says += self.swarm.operator.obey(event.order)
         if event.order is Order.START and self.flight.grounded:
-            self._report_text(Severity.ERROR, brief(f"grounded, {self.flight.grounded}"))
+            self._says.append(Say(Severity.ERROR, brief(f"grounded, {self.flight.grounded}")))
         if event.order is Order.START and event.hands_back:
             self._says += answer_hand_back(self.flight.state, airborne=self.flight.vehicle.airborne)
             self.flight.hand_back()
@@ -326,9 +329,8 @@ class Agent:
             echo=self.localiser.ages.make_echo(picture.now_s),
             position_error_m=self.own_position.error_m(picture.now_s) if picture.airborne else 0.0,
         )
-        sent = self.localiser.make_broadcast(
-            beacon, own.pos_ned_m, picture.now_s, leader=orders.leader, role=orders.role
-        )
+        leader, role = orders.leader, orders.role
+        sent = self.localiser.make_broadcast(beacon, own.pos_ned_m, picture.now_s, leader=leader, role=role)
         return self.own_position.correct_broadcast(sent)
 
     def _compute_setpoint(self, picture: Picture, orders: Orders) -> VelocitySetpoint:
@@ -340,7 +342,7 @@ class Agent:
             bias = self.own_position.rest_bias_ned_mps  # not by scans, which are late, or none
             return VelocitySetpoint(self._rest.hold(own, bias, picture.now_s), self.movement.yaw_rad)
         around = self._observe_surroundings(picture)
-        desired = self.guide(self._brief(picture, orders, around))
+        desired = self.rise.steer_rise(self.guide(self._brief(picture, orders, around)))
         self.setpoint = self.filter(around, desired)
         return VelocitySetpoint(self.setpoint.vel_ned_mps, desired.yaw_rad)
 
@@ -352,17 +354,18 @@ class Agent:
         off_ned_m, commanded = self.localiser.offset_ned_m, self.setpoint.vel_ned_mps
         disturbance = self.disturbances.observe_disturbance(own, add(commanded, bias), TICK_S, vehicle.shaping)
         placed_ned_m = own.pos_ned_m if off_ned_m == ZERO else add(own.pos_ned_m, off_ned_m)
+        _, hovering = others = self.rise.bring_beside(picture)
         return Surroundings(
             own,
-            picture.neighbours,
-            picture.hovering,
-            self.perception.observe_obstacles(own.pos_ned_m, placed_ned_m, picture.hovering, picture.now_s),
+            *others,
+            self.perception.observe_obstacles(own.pos_ned_m, placed_ned_m, hovering, picture.now_s),
             seen=self.perception.find_vehicles(own.pos_ned_m, picture.neighbours, picture.now_s),
             off_ned_m=off_ned_m,
             bias_ned_mps=bias,
             disturbance=disturbance,
             commanded_ned_mps=commanded,
             relayed=self.localiser.relayed,
+            free_up_m=self.rise.free_up_m,
         )
 
     def _brief(self, picture: Picture, orders: Orders, around: Surroundings) -> GuidanceInput:
@@ -395,6 +398,3 @@ class Agent:
         if (left_m := self.swarm.trail_left_m(own.pos_ned_m)) is not None:
             return left_m
         return self.movement.to_goal_m(own.pos_ned_m, goal.resolve(picture.offset_ned_m), picture.hovering)
-
-    def _report_text(self, severity: Severity, text: str) -> None:
-        self._says.append(Say(severity, text))

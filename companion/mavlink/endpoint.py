@@ -6,6 +6,7 @@ HEARTBEAT comes from the same `tick` that steers, so it stops when the agent han
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
@@ -15,7 +16,7 @@ from companion.core.agent import Agent
 from companion.core.model.actions import Action, Ask, Say, SendBeacon, SendOdometry, VelocitySetpoint
 from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import Answer, AutopilotMode, Event, LidarScan
-from companion.core.model.stand import StandMeasured
+from companion.core.model.stand import RecordsWaiting, StandMeasured
 from companion.core.model.states import BeaconFate, Role, Severity
 from companion.core.stages import FLIGHT_STAGES, StageFactory
 from companion.mavlink import beacon as swarm_beacon
@@ -39,6 +40,7 @@ from mission.document.model import Mission
 
 COMPONENT = swarm_beacon.COMPONENT
 HEARTBEAT_S: Final = 1.0
+WAITING_S: Final = 1.0  # between counts of the records that wait: of vectors there is one a second
 SYNC_S: Final = 0.25  # between questions for the autopilot's time: a loaded computer's simulator loses 0.4 s within one
 REPLIES_LIMIT: Final = 8  # a tick; beyond, the oldest asker asks again
 RECEPTION = frozenset({dialect.MAVLINK_MSG_ID_GPS_RAW_INT, dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS})
@@ -128,6 +130,7 @@ class Endpoint:
         self._to_say: list[Say] = []  # with the next tick; at most a few
         self._versions_told: set[int] = set()  # vehicles of this swarm whose beacons are of another version
         self._heartbeat_s: float | None = None
+        self._counted_s = -math.inf  # records that wait
         self._synced_s: float | None = None
         self._replies: deque[Any] = deque(maxlen=REPLIES_LIMIT)  # messages; an int: a TIMESYNC request's ts1
         self._heard: dict[tuple[int, BeaconFate], int] = {}  # as in Outbox, since the last tick
@@ -311,6 +314,9 @@ class Endpoint:
                 self.records.append(kind, body, now_s)
             self._to_say += payload.take_says()
         if self.records is not None:
+            if self.agent.rise.is_allowed and now_s - self._counted_s >= WAITING_S:
+                self._counted_s = now_s
+                self.agent.receive(RecordsWaiting(self.records.count_waiting()), now_s)
             update = self.records.take_stand(leads=self.agent.swarm.election.role is Role.LEADER, now_s=now_s)
             if update is not None:
                 self.agent.receive(StandMeasured(update.basal_area_pct), now_s)

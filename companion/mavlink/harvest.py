@@ -55,6 +55,9 @@ class RecordLink(Protocol):
     def take_stand(self, *, leads: bool, now_s: float) -> StandUpdate | None:
         """Once a tick; `leads`: this vehicle acts as leader. New figures of the stand, by the records here, once."""
 
+    def count_waiting(self) -> int:
+        """Records that this node knows of, and of which it has not heard that the base station has them."""
+
     def lines(self) -> list[str]:
         """Lines for the operator, since last asked."""
 

@@ -74,13 +74,11 @@ class RecordExchange:
         """`members`: number of vehicles of the swarm; others are not heard. `epoch`: of the base station's file.
 
         `fusion`: a vehicle's, of its store.
-
         `mission_hash`: vectors of another mission are not heard, nor records of logs that none of this one told of.
         """
         self.dropped: Final = dict.fromkeys((*DROPPED, FOREIGN), 0)
         self.mission_hash: Final = mission_hash
-        self._fusion = fusion
-        self._store = store
+        self._fusion, self._store = fusion, store
         self._queue = WriteQueue(writer, keeps_own=me != BASE_ID)
         self._me, self._members = me, members
         self._is_base = me == BASE_ID
@@ -284,6 +282,10 @@ class RecordExchange:
         if self._is_base:
             return Progress(sum(self._known.values()), sum(holding.count for holding in self._holdings.values()))
         return Progress(sum(self._known.values()), sum(self._acked.values()))
+
+    def count_waiting(self) -> int:
+        """As `RecordLink` has it."""
+        return sum(self._known.values()) - sum(self._acked.values())
 
     def missing(self) -> dict[LogKey, list[tuple[int, int]]]:
         """Numbers that somebody told of and that are not here: gaps, by log, each from its first to its last."""

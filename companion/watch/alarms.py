@@ -108,7 +108,7 @@ def _fence(picture: Picture, mission: Mission) -> Iterator[Alarm]:
             continue
         east_m, north_m, up_m = ned_to_enu(frame.to_ned(Wgs84(*position)))
         over_m = [] if fence.polygon_enu_m is None else [-clearance_m((east_m, north_m), fence.polygon_enu_m)]
-        over_m.append(up_m - fence.altitude_max_m)
+        over_m.append(up_m - mission.ceiling_m)
         worst_m = max(over_m)
         if worst_m > 0.0:
             yield Alarm("fence", (vehicle.id,), f"Vehicle {vehicle.id}: {worst_m:.0f} m outside the fence", grave=True)

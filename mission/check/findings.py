@@ -18,6 +18,7 @@ from mission.document.height_layers import APART_M, LIMIT_M, list_layers
 from mission.document.load import Document, check_kind
 from mission.document.model import Mission
 from mission.rules.payload_rules import records_hz, records_max_hz
+from mission.rules.rise_rules import upward_view
 from mission.rules.survey_rules import cut_distances_m
 from mission.schema.check import validated
 from mission.schema.forest import M2_PER_HA
@@ -122,6 +123,7 @@ def _survey(mission: Mission) -> Iterator[str]:
     if mission.survey is None:
         return
     yield from _lanes(mission, mission.survey)
+    yield from _rise(mission)
     distances_m, taper = cut_distances_m(mission), f"{mission.survey.taper_cm_per_m:g} cm/m"
     if distances_m is not None:
         yield (
@@ -133,6 +135,17 @@ def _survey(mission: Mission) -> Iterator[str]:
         f"survey: stems are cut at flight height, {mission.route.d1_enu_m[2]:g} m: diameters at breast height come by "
         f"taper, {taper}, never by measurement"
     )
+
+
+def _rise(mission: Mission) -> Iterator[str]:
+    """Notes how high the leader may rise, and from where that is seen."""
+    view = upward_view(mission)
+    if view is not None:
+        yield (
+            f"survey.rise_to_m = {mission.rise_to_m:g}: the leader alone may rise above fence.altitude_max_m = "
+            f"{mission.fence.altitude_max_m:g}, in a column that it has seen free from {view[0]:.1f} m away and "
+            "farther; autopilots' fences have to allow it on every vehicle"
+        )
 
 
 def _payload(mission: Mission) -> Iterator[str]:

@@ -517,6 +517,17 @@ class Survey(Table):
             "abreast, and 85 % of the reach.",
         ),
     ] = None
+    rise_to_m: Annotated[
+        Number | None,
+        Field(
+            gt=0.0,
+            le=COORDINATE_MAX_M,
+            examples=[25.0],
+            description="Greatest height above the origin's ground to which the leader rises in coverage, to deliver "
+            "records that the base station has not acknowledged: only where its own rays have seen the column above "
+            "free, and alone; fence.altitude_max_m holds all others, and itself elsewhere. Left out: nobody rises.",
+        ),
+    ] = None
 
     @field_validator("area_enu_m")
     @classmethod
@@ -626,6 +637,16 @@ class MissionTables(Table):
     def keeps_records(self) -> bool:
         """Vehicles make records, and there is a base station for them."""
         return self.survey is not None or bool(self.payload)
+
+    @property
+    def rise_to_m(self) -> float | None:
+        """Greatest height of the one vehicle that may rise above `fence.altitude_max_m`; None: none may."""
+        return None if self.survey is None else self.survey.rise_to_m
+
+    @property
+    def ceiling_m(self) -> float:
+        """Height that no vehicle exceeds: autopilots' fences are set to it."""
+        return self.fence.altitude_max_m if self.rise_to_m is None else self.rise_to_m
 
     @property
     def flies_by_ranges(self) -> bool:

@@ -10,6 +10,7 @@ import pytest
 
 from companion.core.model.actions import TEXT_MAX, brief
 from companion.core.model.states import Request
+from companion.core.rise.reasons import Reason
 from companion.core.swarm.partition_recovery import Stage
 from companion.core.swarm.roster import list_vehicles
 from companion.core.vehicle.failsafe import TABLE, Readings, Row
@@ -49,6 +50,7 @@ WIDEST = {
     "event.request.value": "offboard",
     "event.result.name": "TEMPORARILY_REJECTED",
     "self._answer.name": "IN_PROGRESS",
+    "reason.value": max([reason.value for reason in Reason], key=len),
     "self.grounded": "",  # the preflight's own words: `brief` cuts them
 }
 WAITS = "waiting: "  # before what these modules say that a vehicle lacks

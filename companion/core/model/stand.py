@@ -1,4 +1,4 @@
-"""Figures of the stand that is surveyed, as an event."""
+"""Figures of the stand that is surveyed, and of its records, as events."""
 
 from __future__ import annotations
 
@@ -14,3 +14,13 @@ class StandMeasured:
 
     def __init__(self, basal_area_pct: float | None) -> None:
         self.basal_area_pct = basal_area_pct
+
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class RecordsWaiting:
+    """Records that this node knows of, and of which it has not heard that the base station has them."""
+
+    count: Final[int]
+
+    def __init__(self, count: int) -> None:
+        self.count = count

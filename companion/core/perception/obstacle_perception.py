@@ -14,6 +14,7 @@ from typing import Final, final
 from companion.core.model.beacon import PeerReport
 from companion.core.model.events import AnyScan, LidarScan, ObstacleScan, Position
 from companion.core.model.neighbour import Neighbour, find_hover_places
+from companion.core.perception.columns.column_map import ColumnMap
 from companion.core.perception.ghost_tracks import GhostTracks
 from companion.core.perception.level_scan import LevelScan, ScanClass, level_scan_of
 from companion.core.perception.lidar_mapper import LidarMapper
@@ -26,6 +27,7 @@ from companion.core.perception.sight import SightHistory
 from companion.core.perception.vehicle_tracks import SeenVehicle
 from mission.common.frames import Vec3
 from mission.document.model import Mission, Sensing
+from mission.rules.rise_rules import ABOVE_M
 
 NEAR_M: Final = 3.0  # what is farther off is in nobody's way who stays
 BEYOND_M: Final = 1.0  # points this far beyond the sensor's range still matter: they were seen on the way
@@ -79,6 +81,10 @@ class ObstaclePerception(ABC):
         `reckons`: the autopilot goes on without the fix that it had. Without a sensor they are all there is.
         """
         return own
+
+    def correct_place(self, pos_ned_m: Vec3) -> Vec3:
+        """A place that the flight goes by, as trunks have it; without a sensor the same."""
+        return pos_ned_m
 
     def read_way(self, reported: Position, now_s: float) -> SeenWay | None:  # noqa: ARG002
         """The position that trunks give the vehicle that is reported there; None: nothing seen tells it now."""
@@ -188,6 +194,12 @@ class SensingPerception(ObstaclePerception):
         self._ghosts: Final = GhostTracks()
         self._clear_m: Final = sensing.vehicle_radius_m + sensing.margin_m
         self.motion: Final = OwnMotion(ScanClass(sensing.sensor), turns_with_yaw=turns_with_yaw)
+        # Laid where a leader may rise alone: without that it looks at no ray
+        self.columns: Final = ColumnMap(clear_m=self._clear_m, top_up_m=mission.ceiling_m + ABOVE_M)
+
+    def correct_place(self, pos_ned_m: Vec3) -> Vec3:
+        """By the own motion."""
+        return self.motion.correct_place(pos_ned_m)
 
     def correct_odometry(self, own: Position, now_s: float, *, reckons: bool = False) -> Position:
         """As `OwnMotion.receive_position`."""
@@ -227,6 +239,7 @@ class SensingPerception(ObstaclePerception):
             self._integrate_turn(scan.sensor, level, scan.yaw_rad, placed, neighbours, now_s)
         else:
             turned_rays = scan if turn_rad == 0.0 else _turned_rays(scan, turn_rad)
+            self.columns.integrate(turned_rays, placed, now_s)
             whole = self._mapper.integrate_rays(turned_rays, placed, now_s, neighbours)
             if whole is not None:
                 self._integrate_turn(scan.sensor, whole, scan.last_attitude_rad[2], placed, neighbours, now_s)

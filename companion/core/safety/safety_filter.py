@@ -110,7 +110,7 @@ class SafetyFilter:
         turned = desired if way_in is None else sub(way_in, drift)
         north, east, down = limit(turned, self.speed_max_mps)
         limited = (north, east, max(-self.climb_max_mps, min(self.climb_max_mps, down)))
-        limits = to_commanded(self.limits(pos_ned_m, around.cloud.trunks), drift)
+        limits = to_commanded(self.limits(pos_ned_m, around.cloud.trunks, free_up_m=around.free_up_m), drift)
         separations = self.separations(around, drift)
         bounded = self._shorten(find_nearest(limited, limits, separations))
         last = self._shorten(around.commanded_ned_mps) if is_finite(around.commanded_ned_mps) else ZERO
@@ -149,13 +149,17 @@ class SafetyFilter:
                 best, most_m = v, nearest_m
         return best
 
-    def limits(self, pos_ned_m: Vec3, trunks: Sequence[Obstacle]) -> list[Bound]:
-        """Floor, ceiling, the sides of the polygon (outside: the way further out), the mission's own trunks."""
+    def limits(self, pos_ned_m: Vec3, trunks: Sequence[Obstacle], *, free_up_m: float = -math.inf) -> list[Bound]:
+        """Floor, ceiling, the sides of the polygon (outside: the way further out), the mission's own trunks.
+
+        `free_up_m`: the ceiling where that is higher, in a column that own rays have seen free.
+        """
         response = self.response
         altitude_m = -pos_ned_m[2]
+        ceiling_m = max(self.altitude_max_m, free_up_m)
         bounds = [
             Bound((0.0, 0.0, 1.0), response.closing_mps(altitude_m - self.altitude_min_m - MARGIN_M)),
-            Bound((0.0, 0.0, -1.0), response.closing_mps(self.altitude_max_m - altitude_m - MARGIN_M)),
+            Bound((0.0, 0.0, -1.0), response.closing_mps(ceiling_m - altitude_m - MARGIN_M)),
         ]
         sides = to_edges(pos_ned_m, self.polygon_m)
         if sides and is_inside(pos_ned_m[0], pos_ned_m[1], self.polygon_m):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Final, final
 
@@ -24,6 +25,7 @@ class Surroundings:
         "commanded_ned_mps",
         "disturbance",
         "drift_ned_mps",
+        "free_up_m",
         "hovering",
         "neighbours",
         "own",
@@ -46,6 +48,7 @@ class Surroundings:
         disturbance: Disturbance = CALM,
         commanded_ned_mps: Vec3 = ZERO,
         relayed: Sequence[tuple[Vec3, float]] = (),
+        free_up_m: float = -math.inf,
     ) -> None:
         """`off_ned_m`: the mission's place less the own reported one. `bias_ned_mps`: true velocity less reported."""
         self.own: Final = own  # with its true velocity
@@ -59,6 +62,8 @@ class Surroundings:
         # Places (relative) at which others hear those that this vehicle does not, and how old that is.
         self.relayed: Final = relayed
         self.cloud: Final = cloud
+        # Height to which the column that it is in is free by its own rays, where it may fly above the fence's ceiling
+        self.free_up_m: Final = free_up_m
         self.disturbance: Final = disturbance
         # What is flown less what is commanded.
         self.drift_ned_mps: Final = bias_ned_mps if disturbance is CALM else add(bias_ned_mps, disturbance.vel_ned_mps)

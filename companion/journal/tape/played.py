@@ -139,6 +139,11 @@ class PlayedLink:
         kind, body, basal_area_pct, text = self._tape.next_list("stand")
         return StandUpdate(kind, body, basal_area_pct, text)
 
+    def count_waiting(self) -> int:
+        """The count of then."""
+        (count,) = self._tape.next_list("waiting")
+        return int(count)
+
     def lines(self) -> list[str]:
         """Lines of then."""
         return self._tape.next_list("lines")

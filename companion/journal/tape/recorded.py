@@ -173,6 +173,12 @@ class RecordedLink:
             self._tape.put_list(["stand", *update])
         return update
 
+    def count_waiting(self) -> int:
+        """The link's count."""
+        count = self._link.count_waiting()
+        self._tape.put_list(["waiting", count])
+        return count
+
     def lines(self) -> list[str]:
         """Lines of the link."""
         found = self._link.lines()

@@ -123,11 +123,15 @@ def fence_rules(mission: Mission) -> tuple[Rule, ...]:
     types, words = FENCE_TYPE_ALTITUDE, "ceiling"
     if mission.fence.polygon_enu_m is not None:
         types, words = FENCE_TYPE_ALTITUDE | FENCE_TYPE_POLYGON, "ceiling and polygon"
-    ceiling_m = mission.fence.altitude_max_m
+    ceiling_m = mission.ceiling_m
     return (
         Rule("FENCE_ENABLE", {1: "on"}, "The fence works only when it is on."),
         Rule("FENCE_TYPE", {types: words}, "What the mission's fence has; no circle about home (2), no floor (8)."),
-        Rule("FENCE_ALT_MAX", {ceiling_m: "metres"}, "The mission's fence.altitude_max_m, above home."),
+        Rule(
+            "FENCE_ALT_MAX",
+            {ceiling_m: "metres"},
+            "The mission's ceiling, above home.",
+        ),
     )
 
 

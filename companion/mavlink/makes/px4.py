@@ -123,8 +123,14 @@ CANOPY_RULES = (
 
 def fence_rules(mission: Mission) -> tuple[Rule, ...]:
     """The mission's ceiling, which PX4 counts from home."""
-    ceiling_m = mission.fence.altitude_max_m
-    return (Rule("GF_MAX_VER_DIST", {ceiling_m: "metres"}, "The mission's fence.altitude_max_m, above home."),)
+    ceiling_m = mission.ceiling_m
+    return (
+        Rule(
+            "GF_MAX_VER_DIST",
+            {ceiling_m: "metres"},
+            "The mission's ceiling, above home.",
+        ),
+    )
 
 
 SATELLITE_RULES = (

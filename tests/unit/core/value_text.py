@@ -32,6 +32,7 @@ CONSTANTS = {"CALM": response_model.CALM, "LEADER_ROUTE": formation.LEADER_ROUTE
 
 # The last turns of a sensor, some thousand numbers each: None when they are read back, as if all had been looked at
 UNWRITTEN = ("sight",)
+LATER = {"free_up_m": -math.inf}  # fields that transcripts before them do not have, as they were then
 SHORT = 8  # a longer tuple is written as runs of what is the same
 
 
@@ -89,8 +90,9 @@ class Writer:
         if CLASSES.get(name) is not type(value):
             raise TypeError(f"{name}: of no module in MODULES")
         last, said = self._last.get((name, vehicle)), {}
+        before = {field: getattr(last, field) for field in fields(value)} if last is not None else LATER
         new = [
-            field for field in fields(value) if last is None or not same(getattr(last, field), getattr(value, field))
+            field for field in fields(value) if field not in before or not same(before[field], getattr(value, field))
         ]
         for field in new:
             if not _is_vector(getattr(value, field)):
@@ -149,7 +151,10 @@ class Reader:
                     if field in kind.__slots__:
                         object.__setattr__(made, field, None)
                 for field in fields(made):
-                    part = changes[field] if field in changes else getattr(last, field)
+                    if field in changes:
+                        part = changes[field]
+                    else:
+                        part = LATER[field] if last is None and field in LATER else getattr(last, field)
                     if isinstance(part, str) and part.startswith("="):
                         part = self._refer(made, part[1:])
                     object.__setattr__(made, field, part)

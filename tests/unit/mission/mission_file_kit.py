@@ -53,13 +53,13 @@ altitude_min_m = 2.0
 altitude_max_m = 30.0
 polygon_enu_m = [[-40.0, -50.0], [170.0, -50.0], [170.0, 50.0], [-40.0, 50.0]]
 [sensing]
-range_m = 8.0
+range_m = 34.0
 rate_hz = 10.0
 field_of_view_deg = 360.0
 vehicle_radius_m = 0.35
 margin_m = 0.3
 stale_s = 0.3
-sensor = "scan-1deg"
+sensor = "multi-layer"
 upside_down = false
 sends_odometry = false
 [survey]
@@ -68,6 +68,7 @@ dbh_min_m = 0.08
 taper_cm_per_m = 1.0
 taper_sd_cm_per_m = 0.4
 lane_m = 20.0
+rise_to_m = 32.0
 [survey.until]
 basal_area_pct = 15.0
 confidence = 0.9

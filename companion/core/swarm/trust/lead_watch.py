@@ -23,6 +23,7 @@ from companion.core.swarm.phases import STUCK_LAND_S, TOO_FEW_LAND_S, Phases
 from mission.common.forming import FORMING_LIMIT_S
 from mission.common.frames import Vec3
 from mission.document.model import AtEnd, Mission
+from mission.rules.rise_rules import longest_rise_s
 
 FRESH_PERIODS: Final = 5  # since news of the leader: those in radio contact have had some, too
 APART_PERIODS: Final = 15  # not heard for so long, one may have lost the leader and come to lead elsewhere
@@ -58,7 +59,8 @@ class LeadWatch:
 
     def __init__(self, mission: Mission) -> None:
         self._width_m: Final = CORRIDOR_M + mission.radio.transit_range_m
-        self._limits_s: Final = [visit.duration_s + FORMING_LIMIT_S + SLACK_S for visit in mission.visits]
+        beyond_s = FORMING_LIMIT_S + SLACK_S + longest_rise_s(mission)
+        self._limits_s: Final = [visit.duration_s + beyond_s for visit in mission.visits]
         self._holds: Final = mission.route.at_end is AtEnd.HOLD
         self._apart_s: Final = APART_PERIODS / mission.radio.beacon_rate_hz
         self._beacons: dict[int, tuple[float, Lease | None]] = {}  # by sender: when, and whom it followed

@@ -18,6 +18,7 @@ from companion.core.swarm.trust.lead_watch import (
 from mission.common.forming import FORMING_LIMIT_S
 from mission.common.frames import Vec3
 from mission.document.model import Mission
+from mission.rules.rise_rules import longest_rise_s
 from tests.unit.core.core_election_kit import follower_of, leader_of_long_standing, step
 from tests.unit.core.core_kit import beacon, lease, mission
 from tests.unit.core.swarm.test_lane_phases import LANES
@@ -260,3 +261,20 @@ def test_who_follows_anew_has_all_of_the_periods_anew() -> None:
     assert watch.find_fault(beside, None, phases, 5.0, follows=False) == ""
     found = [watch.find_fault(beside, None, phases, 5.0 + 0.1 * k, follows=True) for k in range(LEFT_PERIODS + 1)]
     assert found == [*[""] * LEFT_PERIODS, "leaves the way"]
+
+
+def test_a_leader_that_may_rise_covers_for_so_much_longer() -> None:
+    rises = mission(
+        swarm={"size": 6},
+        route={"at_end": "land"},
+        coverage={"duration_s": 20.0},
+        fence={"altitude_max_m": 10.0},
+        sensing={"sensor": "multi-layer", "range_m": 40.0},
+        survey={"rise_to_m": 25.0},
+    )
+    watch, phases = set_out(rises)
+    phases.adopt_phase(SwarmPhase.COVERAGE, 30.0)
+    watch.find_fault(START, None, phases, 30.0, follows=True)
+    limit_s = 30.0 + 20.0 + FORMING_LIMIT_S + SLACK_S + longest_rise_s(rises)
+    assert watch.find_fault(START, None, phases, limit_s, follows=True) == ""
+    assert watch.find_fault(START, None, phases, limit_s + 0.1, follows=True) == "covers too long"

@@ -96,7 +96,7 @@ def test_a_ring_too_large_for_the_radio_is_refused() -> None:
 
 def test_a_sphere_that_leaves_the_fences_altitudes_is_refused() -> None:
     text, line = with_value("coverage.shape", '"sphere"')
-    refused = only_problem(text)
+    refused = only_problem(text.replace("rise_to_m = 32.0\n", ""))
     assert (refused.line, refused.key) == (line + 1, "coverage.radius_m")
     assert "reaches from -7.0 to 23.0 m" in refused.message
     assert "fence.altitude_min_m = 2.0" in refused.message
@@ -108,7 +108,8 @@ def test_a_sphere_too_small_for_the_swarm_is_refused() -> None:
     text, _ = with_value("fence.altitude_max_m", "90", text)
     text, _ = with_value("route.d2_enu_m", "[130, 0, 40]", text)
     text, _ = with_value("fence.polygon_enu_m", "[[-99, -99], [199, -99], [199, 99], [-99, 99]]", text)
-    assert only_problem(text).message.startswith("leaves 4.85 m between neighbours")
+    refused = only_problem(text.replace("rise_to_m = 32.0\n", ""))
+    assert refused.message.startswith("leaves 4.85 m between neighbours")
 
 
 def test_a_fence_that_cuts_the_way_is_refused() -> None:
