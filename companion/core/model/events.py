@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from companion.core.model.beacon import Beacon, RangeTo, RelativeReport
+from companion.core.model.beacon import Beacon, RangeTo, RelativeReport, TrunkReport
 from companion.core.model.stand import StandMeasured
 from companion.core.model.states import AutopilotTraits, FlightMode, LandedState, Order, Request, Result
 from mission.common.frames import Vec3
@@ -231,4 +231,14 @@ AutopilotEvent = Position | BootTime | AutopilotMode | AutopilotHealth | Landed 
 
 AnyScan = ObstacleScan | LidarScan
 
-Event = AutopilotEvent | OperatorOrder | HeardBeacon | AnyScan | Ranges | Satellites | RelativeReport | StandMeasured
+Event = (
+    AutopilotEvent
+    | OperatorOrder
+    | HeardBeacon
+    | AnyScan
+    | Ranges
+    | Satellites
+    | RelativeReport
+    | TrunkReport
+    | StandMeasured
+)
