@@ -164,9 +164,8 @@ class RelativeFilter:
             self._covariance.add_bearing(slot, h_n, h_e, off, weight)
 
     def add_alignment(self, vehicle: int, found: Alignment) -> None:
-        """Trunks that both have seen: a neighbour's odometer in the own. It counts with the next epoch."""
-        if vehicle in self._of:
-            self._aligned[vehicle] = found
+        """Trunks that both have seen: a known neighbour's odometer in the own. It counts with the next epoch."""
+        self._aligned[vehicle] = found
 
     def _take_alignment(self, found: Alignment, mover: VehicleMean, slot: int) -> None:
         """Place, then turn, if all of it is within the gate."""
