@@ -26,7 +26,8 @@ FITS: Final = 4  # of each, one upon the other
 LEAST: Final = 6  # trunks matched
 LEAST_WIDE: Final = 7  # where the place was uncertain before
 SECOND_SHARE: Final = 0.8  # of them, that another place may match
-OVERLAP_SHARE: Final = 0.4  # of the trunks that both should know
+OVERLAP_SHARE: Final = 0.4  # of the trunks that both should know: of a thicket more are known
+BESIDE_M: Final = 4.0
 ANOTHER_M: Final = 0.7  # what is nearer is the same place
 TURN_SD_MAX_RAD: Final = math.radians(1.0)
 TRUNK_SD_M: Final = 0.08  # of two sightings of a trunk against each other, at best, an axis
@@ -213,12 +214,14 @@ def _is_one_of(fit: Alignment, found: Sequence[Alignment]) -> bool:
 
 
 def _count_expected(told: Sequence[ToldTrunk], known: Sequence[ToldTrunk], fit: Alignment) -> int:
-    """Known trunks as near to the neighbour as those that it tells, which are its nearest."""
-    reach_m = math.hypot(told[-1][0], told[-1][1])
-    n, e = fit.place((0.0, 0.0))
+    """Known trunks beside those told: who has seen these has mostly seen them."""
+    places = [fit.place((one[0], one[1])) for one in told]
     count = 0
     for one in known:
-        count += math.hypot(one[0] - n, one[1] - e) <= reach_m
+        for n, e in places:
+            if math.hypot(one[0] - n, one[1] - e) <= BESIDE_M:
+                count += 1
+                break
     return count
 
 

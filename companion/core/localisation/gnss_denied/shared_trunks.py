@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Final, final
 
-from companion.core.localisation.gnss_denied.constellation import Alignment, align, turned
+from companion.core.localisation.gnss_denied.constellation import LEAST, Alignment, align, turned
 from companion.core.localisation.gnss_denied.error_state import Level
 from companion.core.localisation.gnss_denied.ranging import RangingLocaliser
 from companion.core.localisation.gnss_denied.relative_filter import RelativeFilter
@@ -52,27 +52,27 @@ class SharedTrunks:
 
     __slots__ = (
         "_aligned_s",
-        "_candidates",
         "_frame",
         "_known",
+        "_nearest",
         "_noted_s",
-        "_now",
         "_odo",
         "_place",
         "_told_s",
         "_way_m",
+        "aligned",
     )
 
     def __init__(self) -> None:
         self._known: list[_Remembered] = []
-        self._now: list[ToldTrunk] = []  # those in sight, about this vehicle when it looked last, the nearest first
+        self._nearest: list[ToldTrunk] = []  # of them, about this vehicle when it looked last
         self._place: Level | None = None  # own, in the frame of these; None: it has not looked yet
         self._odo: Level = (0.0, 0.0)  # the own odometer there
         self._frame = (0.0, 0.0, 0.0)
         self._way_m = 0.0
         self._noted_s = self._told_s = -math.inf
         self._aligned_s: dict[int, float] = {}  # by sender
-        self._candidates: dict[int, tuple[Alignment, float]] = {}  # by sender: the last, and when
+        self.aligned: dict[int, tuple[Alignment, float]] = {}  # by sender: the last, and when
 
     # --- own ---
 
@@ -89,15 +89,12 @@ class SharedTrunks:
         if before is not None:
             self._way_m += math.dist(before, seen.place_ne_m)
         n, e = seen.place_ne_m
-        about: list[tuple[float, ToldTrunk]] = []
         for trunk in seen.trunks:
             self._remember(trunk)
-            rel = (trunk[0] - n, trunk[1] - e, trunk[2])
-            about.append((math.hypot(rel[0], rel[1]), rel))
-        about.sort()
-        self._now = [rel for _, rel in about]
         self._known = [one for one in self._known if self._way_m - one.way_m <= FORGOTTEN_M]
         del self._known[:-REMEMBERED_MAX]
+        about = [(one.north_m - n, one.east_m - e, one.diameter_m) for one in self._known]
+        self._nearest = sorted(about, key=_distance_of)[:TELLS_MAX]
 
     def _remember(self, trunk: ToldTrunk) -> None:
         """Those seen last are the last."""
@@ -118,10 +115,10 @@ class SharedTrunks:
 
     def make_report(self, me: int, time_ms: int, now_s: float) -> TrunkReport | None:
         """The message behind a beacon; None: not now, or there is too little to tell."""
-        if now_s - self._told_s < TELLS_S - 1e-6 or now_s - self._noted_s > NOTES_S or len(self._now) < 2:
+        if now_s - self._told_s < TELLS_S - 1e-6 or now_s - self._noted_s > NOTES_S or len(self._nearest) < LEAST:
             return None
         self._told_s = now_s
-        return TrunkReport(me, time_ms, self._odo, tuple(self._now[:TELLS_MAX]))
+        return TrunkReport(me, time_ms, self._odo, tuple(self._nearest))
 
     # --- neighbours' ---
 
@@ -152,8 +149,8 @@ class SharedTrunks:
             turn_sd_rad=math.hypot(TURN_FLOOR_RAD, found.turn_sd_rad),
             matched=found.matched,
         )
-        before = self._candidates.get(sender)
-        self._candidates[sender] = (placed, now_s)
+        before = self.aligned.get(sender)
+        self.aligned[sender] = (placed, now_s)
         if before is None or now_s - before[1] > AGREES_S or not _agree(before[0], placed):
             return None
         ranging.filter.add_alignment(sender, placed)
@@ -186,6 +183,10 @@ def _locate_sender(report: TrunkReport, joint: RelativeFilter) -> _Thought | Non
     turn_rad = joint.compass_of(report.sender) - own_rad
     there, way = turned(-own_rad, found.ne_m[0], found.ne_m[1]), turned(turn_rad, moved[0], moved[1])
     return _Thought((there[0] - way[0], there[1] - way[1]), turn_rad, found.sd_m, moved)
+
+
+def _distance_of(trunk: ToldTrunk) -> float:
+    return math.hypot(trunk[0], trunk[1])
 
 
 def _agree(before: Alignment, after: Alignment) -> bool:
