@@ -1,0 +1,80 @@
+"""Swarms of which only the leader has GNSS, by raw scans among trees: trunks that vehicles share place one another."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from companion.core.localisation.gnss_denied.localiser import GnssDeniedLocaliser
+from companion.core.model.states import SwarmPhase
+from mission.document.model import Mission
+from sim_bridge.drive import fly
+from sim_bridge.drive.lockstep.lockstep import InProcess
+from sim_bridge.world.autopilot.estimates.odometry import Odometer
+from tests.flights import flown
+from tests.unit.core.ranging_kit import ranging_mission
+
+UNDER_WAY = (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE)
+
+
+def among_trees(**tables: Any) -> Mission:
+    return ranging_mission(
+        sensing={"sensor": "scan-1deg", "range_m": 12.0},
+        forest={"stand": {"density_per_ha": 400.0}},
+        sim={"seed": 1000, "radio_loss": 0.1, **tables.pop("sim", {})},
+        **tables,
+    )
+
+
+class Relative:
+    """How wrong vehicles are about where others are, along the axes of their own odometry; root of the mean square."""
+
+    def __init__(self) -> None:
+        self._squares: list[float] = []
+
+    def watch(self, flight: fly.Flight) -> None:
+        places = flight.world.positions()
+        for k, companion in flight.lockstep.companions.items():
+            assert isinstance(companion, InProcess)
+            agent = companion.endpoint.agent
+            localiser, believed = agent.localiser, flight.world.vehicles[k].believed
+            if agent.swarm.phases.phase not in UNDER_WAY or not agent.flight.vehicle.airborne:
+                continue
+            assert isinstance(localiser, GnssDeniedLocaliser)
+            off_rad = believed.north_off_rad if isinstance(believed, Odometer) else 0.0
+            by_rad = off_rad - agent.perception.motion.turn_rad - localiser.ranging.filter.compass[0]  # type: ignore[attr-defined]
+            for other in (j for j in places if j != k):
+                found = localiser.ranging.filter.relative(other)
+                if found is not None:
+                    (n, e), c, s = found.ne_m, math.cos(by_rad), math.sin(by_rad)
+                    north_m, east_m = places[other][0] - places[k][0], places[other][1] - places[k][1]
+                    self._squares.append((c * n - s * e - north_m) ** 2 + (s * n + c * e - east_m) ** 2)
+
+    @property
+    def error_m(self) -> float:
+        return math.sqrt(sum(self._squares) / len(self._squares))
+
+
+def test_vehicles_that_share_trunks_know_better_where_the_others_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shared, alone = Relative(), Relative()
+    outcome, shown = flown(among_trees(), tmp_path / "shared", watch=shared.watch)
+    assert outcome.summary["verdict"] == "ARRIVED", shown
+    assert outcome.metrics.contacts == 0
+    assert outcome.metrics.min_separation_m >= 4.5
+    monkeypatch.setattr(Mission, "shares_trunks", False)
+    flown(among_trees(), tmp_path / "alone", watch=alone.watch)
+    assert shared.error_m < 0.2
+    assert shared.error_m < 0.6 * alone.error_m
+
+
+def test_it_is_the_same_flight_to_the_bit_in_one_process_and_in_many(tmp_path: Path) -> None:
+    """Trunks go through sockets, too."""
+    mission = among_trees(sim={"time_limit_s": 25.0})
+    one, _ = flown(mission, tmp_path / "one")
+    many, shown = flown(mission, tmp_path / "many", in_process=False)
+    assert one.summary["trace_hash"] == many.summary["trace_hash"], shown
