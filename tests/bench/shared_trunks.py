@@ -51,6 +51,7 @@ class Errors:
     aligned: int = 0
     false: int = 0
     worst_m: float = 0.0  # of an alignment's place
+    seen_s: dict[tuple[int, int], float] = field(default_factory=dict)  # by pair: the last alignment
 
     def watch(self, flight: fly.Flight) -> None:
         """After each tick."""
@@ -71,7 +72,8 @@ class Errors:
                 if tick % EVERY == 0:
                     self._note(joint, other, there, turn_rad)
                 found = None if localiser.trunks is None else localiser.trunks.aligned.get(other)
-                if found is not None and found[1] > flight.world.now_s - 0.04:
+                if found is not None and self.seen_s.get((k, other)) != found[1]:
+                    self.seen_s[k, other] = found[1]
                     self._hold(found[0], joint, localiser.ranging.odo_ne_m, other, there, turn_rad)
 
     def _note(self, joint: Any, other: int, there: tuple[float, float], turn_rad: float) -> None:
