@@ -37,21 +37,21 @@ _Pair = tuple[float, float, float, float]  # told north, east; known north, east
 
 @final
 class Alignment:
-    """What a told frame is in the own one: `there` is `here`, and its axes are turned clockwise by `turn_rad`.
+    """Rigid motion of a told frame into the own one: `there` is `here`, its axes are turned clockwise by `turn_rad`.
 
     At this place, the matched trunks' middle, errors of place and turn are independent.
     """
 
-    __slots__ = ("here", "matched", "place_sd_m", "there", "turn_rad", "turn_sd_rad")
+    __slots__ = ("here", "matched", "position_sd_m", "there", "turn_rad", "turn_sd_rad")
 
     def __init__(
-        self, there: Level, here: Level, turn_rad: float, *, place_sd_m: float, turn_sd_rad: float, matched: int
+        self, there: Level, here: Level, turn_rad: float, *, position_sd_m: float, turn_sd_rad: float, matched: int
     ) -> None:
         """Standard deviations: of the place on each axis."""
         self.there: Final = there
         self.here: Final = here
         self.turn_rad: Final = turn_rad
-        self.place_sd_m: Final = place_sd_m
+        self.position_sd_m: Final = position_sd_m
         self.turn_sd_rad: Final = turn_sd_rad
         self.matched: Final = matched
 
@@ -117,7 +117,7 @@ def _vote(
             count = _count_votes(shifts, k)
             if count >= LEAST - 1:
                 here = (place[0] + n + shifts[k][1], place[1] + e + shifts[k][2])
-                start = Alignment(middle, here, at_rad, place_sd_m=0.0, turn_sd_rad=0.0, matched=count)
+                start = Alignment(middle, here, at_rad, position_sd_m=0.0, turn_sd_rad=0.0, matched=count)
                 votes.append((-count, abs(step) + 0.001 * k, start))
     votes.sort(key=_rank_of)
     return votes
@@ -201,8 +201,10 @@ def _fit(pairs: Sequence[_Pair]) -> Alignment:
         rest += (b_n - k_n - n) ** 2 + (b_e - k_e - e) ** 2
     sd_m = max(TRUNK_SD_M, math.sqrt(rest / max(1, 2 * count - 3)))
     turn_sd_rad = sd_m / math.sqrt(square) if square > 0.0 else math.inf
-    place_sd_m = sd_m / math.sqrt(count)
-    return Alignment((t_n, t_e), (k_n, k_e), turn_rad, place_sd_m=place_sd_m, turn_sd_rad=turn_sd_rad, matched=count)
+    position_sd_m = sd_m / math.sqrt(count)
+    return Alignment(
+        (t_n, t_e), (k_n, k_e), turn_rad, position_sd_m=position_sd_m, turn_sd_rad=turn_sd_rad, matched=count
+    )
 
 
 def _is_one_of(fit: Alignment, found: Sequence[Alignment]) -> bool:

@@ -144,4 +144,4 @@ def aligned_row(
     sign, other = (-1.0, 1) if axis == 0 else (1.0, 0)
     seen = [(north + axis, 1.0), (turn, sign * thought[other]), (its_yaw, sign * there[other])]
     seen.append((own_yaw, -sign * here[other]))
-    return seen, here[axis] - there[axis] - thought[axis], found.place_sd_m * found.place_sd_m
+    return seen, here[axis] - there[axis] - thought[axis], found.position_sd_m * found.position_sd_m

@@ -97,7 +97,7 @@ class SharedTrunks:
         self._nearest = sorted(about, key=_distance_of)[:TELLS_MAX]
 
     def _remember(self, trunk: ToldTrunk) -> None:
-        """Those seen last are the last."""
+        """Stores or replaces one, as the last."""
         north_m, east_m, diameter_m = trunk
         for k in range(len(self._known)):
             one = self._known[k]
@@ -127,25 +127,25 @@ class SharedTrunks:
         sender, here = report.sender, self._place
         if here is None or ranging.is_lost or now_s - self._aligned_s.get(sender, -math.inf) < ALIGNS_S:
             return None
-        thought = _locate_sender(report, ranging.filter)
-        if thought is None:
+        prior = _locate_sender(report, ranging.filter)
+        if prior is None:
             return None
         self._aligned_s[sender] = now_s
         own = ranging.odo_ne_m
         n, e = here[0] + own[0] - self._odo[0], here[1] + own[1] - self._odo[1]
         known = [(one.north_m - n, one.east_m - e, one.diameter_m) for one in self._known]
-        found = align(report.trunks, known, thought.place, thought.turn_rad, is_wide=thought.sd_m > WIDE_M)
+        found = align(report.trunks, known, prior.place, prior.turn_rad, is_wide=prior.sd_m > WIDE_M)
         if found is None:
             return None
         # What others say makes no neighbour farther than the own radio measures it: ranges come late, never early
-        if math.hypot(*found.place(thought.moved)) > ranging.measured_m(sender, now_s, RANGE_S) + BEYOND_RANGE_M:
+        if math.hypot(*found.place(prior.moved)) > ranging.measured_m(sender, now_s, RANGE_S) + BEYOND_RANGE_M:
             return None
         odo = report.odo_ne_m
         placed = Alignment(
             (odo[0] + found.there[0], odo[1] + found.there[1]),
             (own[0] + found.here[0], own[1] + found.here[1]),
             found.turn_rad,
-            place_sd_m=math.hypot(PLACE_FLOOR_M, found.place_sd_m),
+            position_sd_m=math.hypot(PLACE_FLOOR_M, found.position_sd_m),
             turn_sd_rad=math.hypot(TURN_FLOOR_RAD, found.turn_sd_rad),
             matched=found.matched,
         )
@@ -158,8 +158,8 @@ class SharedTrunks:
 
 
 @final
-class _Thought:
-    """Where a sender was when it told its trunks, as the relative filter has it; in the own axes, from here and now."""
+class _Prior:
+    """A sender's pose when it told its trunks, as the relative filter has it; in the own axes, from here."""
 
     __slots__ = ("moved", "place", "sd_m", "turn_rad")
 
@@ -171,7 +171,7 @@ class _Thought:
         self.moved: Final = moved
 
 
-def _locate_sender(report: TrunkReport, joint: RelativeFilter) -> _Thought | None:
+def _locate_sender(report: TrunkReport, joint: RelativeFilter) -> _Prior | None:
     """None: it is not known well enough to be searched for."""
     found, odo = joint.relative(report.sender), joint.odometer_of(report.sender)
     if found is None or odo is None or found.sd_m > UNCERTAIN_MAX_M:
@@ -182,7 +182,7 @@ def _locate_sender(report: TrunkReport, joint: RelativeFilter) -> _Thought | Non
     own_rad = joint.compass[0]
     turn_rad = joint.compass_of(report.sender) - own_rad
     there, way = turned(-own_rad, found.ne_m[0], found.ne_m[1]), turned(turn_rad, moved[0], moved[1])
-    return _Thought((there[0] - way[0], there[1] - way[1]), turn_rad, found.sd_m, moved)
+    return _Prior((there[0] - way[0], there[1] - way[1]), turn_rad, found.sd_m, moved)
 
 
 def _distance_of(trunk: ToldTrunk) -> float:

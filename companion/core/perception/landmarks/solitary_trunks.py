@@ -17,7 +17,7 @@ FRESH_S: Final = 1.0  # since it was seen
 
 @final
 class SolitaryTrunks:
-    """Those in sight, and the own place among them: metres north and east, in the frame of the own odometry."""
+    """Trunks in sight, and the own place among them: metres north and east, in the frame of the own odometry."""
 
     __slots__ = ("frame", "place_ne_m", "trunks")
 
