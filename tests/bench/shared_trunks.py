@@ -214,7 +214,7 @@ def try_one(seed: int) -> tuple[str, bool, bool]:
     )
     there = (float(away_m * math.cos(bearing)), float(away_m * math.sin(bearing)))
     known = remembered(rng, stand, (0.0, 0.0))[-128:]
-    told = [(*turned(-turn, n, e), d) for n, e, d in remembered(rng, other, there)[:12]]
+    told = [(*turned(-turn, n, e), d) for n, e, d in remembered(rng, other, there)[:24]]
     wrong = rng.normal(0.0, 0.7, 2)
     prior = (there[0] + float(wrong[0]), there[1] + float(wrong[1]))
     found = align(told, known, prior, turn + float(rng.normal(0.0, 2.0)) * TURN_RAD, is_wide=False)

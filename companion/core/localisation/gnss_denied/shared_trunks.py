@@ -58,6 +58,8 @@ class SharedTrunks:
         "_noted_s",
         "_odo",
         "_place",
+        "_reports",
+        "_told_farther",
         "_told_s",
         "_way_m",
         "aligned",
@@ -70,6 +72,8 @@ class SharedTrunks:
         self._odo: Level = (0.0, 0.0)  # the own odometer there
         self._frame = (0.0, 0.0, 0.0)
         self._way_m = 0.0
+        self._told_farther = False  # the last time not the nearest were told
+        self._reports: dict[int, TrunkReport] = {}  # the last of each sender
         self._noted_s = self._told_s = -math.inf
         self._aligned_s: dict[int, float] = {}  # by sender
         self.aligned: dict[int, tuple[Alignment, float]] = {}  # by sender: the last, and when
@@ -94,7 +98,7 @@ class SharedTrunks:
         self._known = [one for one in self._known if self._way_m - one.way_m <= FORGOTTEN_M]
         del self._known[:-REMEMBERED_MAX]
         about = [(one.north_m - n, one.east_m - e, one.diameter_m) for one in self._known]
-        self._nearest = sorted(about, key=_distance_of)[:TELLS_MAX]
+        self._nearest = sorted(about, key=_distance_of)[: 2 * TELLS_MAX]
 
     def _remember(self, trunk: ToldTrunk) -> None:
         """Stores or replaces one, as the last."""
@@ -114,11 +118,13 @@ class SharedTrunks:
             one.north_m, one.east_m = frame[1] + n, frame[2] + e
 
     def make_report(self, me: int, time_ms: int, now_s: float) -> TrunkReport | None:
-        """The message behind a beacon; None: not now, or there is too little to tell."""
+        """The message behind a beacon: in turn the nearest and the next; None: not now, or there is too little."""
         if now_s - self._told_s < TELLS_S - 1e-6 or now_s - self._noted_s > NOTES_S or len(self._nearest) < LEAST:
             return None
         self._told_s = now_s
-        return TrunkReport(me, time_ms, self._odo, tuple(self._nearest))
+        first = 0 if self._told_farther or len(self._nearest) < TELLS_MAX + LEAST else len(self._nearest) - TELLS_MAX
+        self._told_farther = first > 0
+        return TrunkReport(me, time_ms, self._odo, tuple(self._nearest[first : first + TELLS_MAX]))
 
     # --- neighbours' ---
 
@@ -134,7 +140,7 @@ class SharedTrunks:
         own = ranging.odo_ne_m
         n, e = here[0] + own[0] - self._odo[0], here[1] + own[1] - self._odo[1]
         known = [(one.north_m - n, one.east_m - e, one.diameter_m) for one in self._known]
-        found = align(report.trunks, known, prior.place, prior.turn_rad, is_wide=prior.sd_m > WIDE_M)
+        found = align(self._join(report), known, prior.place, prior.turn_rad, is_wide=prior.sd_m > WIDE_M)
         if found is None:
             return None
         # What others say makes no neighbour farther than the own radio measures it: ranges come late, never early
@@ -155,6 +161,17 @@ class SharedTrunks:
             return None
         ranging.filter.add_alignment(sender, placed)
         return placed
+
+    def _join(self, report: TrunkReport) -> list[ToldTrunk]:
+        """A neighbour's trunks with those of its message before, the nearest first."""
+        before, self._reports[report.sender] = self._reports.get(report.sender), report
+        told = list(report.trunks)
+        if before is not None:
+            n, e = before.odo_ne_m[0] - report.odo_ne_m[0], before.odo_ne_m[1] - report.odo_ne_m[1]
+            if math.hypot(n, e) <= MOVED_MAX_M:
+                earlier = [(one[0] + n, one[1] + e, one[2]) for one in before.trunks]
+                told += [one for one in earlier if not _has_near(told, one)]
+        return sorted(told, key=_distance_of)
 
 
 @final
@@ -183,6 +200,10 @@ def _locate_sender(report: TrunkReport, joint: RelativeFilter) -> _Prior | None:
     turn_rad = joint.compass_of(report.sender) - own_rad
     there, way = turned(-own_rad, found.ne_m[0], found.ne_m[1]), turned(turn_rad, moved[0], moved[1])
     return _Prior((there[0] - way[0], there[1] - way[1]), turn_rad, found.sd_m, moved)
+
+
+def _has_near(trunks: list[ToldTrunk], one: ToldTrunk) -> bool:
+    return any([math.hypot(other[0] - one[0], other[1] - one[1]) <= SAME_M for other in trunks])
 
 
 def _distance_of(trunk: ToldTrunk) -> float:

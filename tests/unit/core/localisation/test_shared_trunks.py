@@ -36,7 +36,7 @@ def looked(
     return shared
 
 
-def test_the_nearest_twelve_are_told_once_a_second() -> None:
+def test_the_nearest_twelve_and_the_next_are_told_in_turn_once_a_second() -> None:
     trunks = stand(Random(1), 30)
     report = looked(trunks, (2.0, 1.0)).make_report(ME, 7, 1.0)
     assert report is not None
@@ -44,6 +44,13 @@ def test_the_nearest_twelve_are_told_once_a_second() -> None:
     about = sorted((n - 2.0, e - 1.0, d) for n, e, d in trunks)
     away_m = sorted(math.hypot(n, e) for n, e, _ in about)
     assert [math.hypot(n, e) for n, e, _ in report.trunks] == pytest.approx(away_m[:TELLS_MAX])
+
+    shared = looked(trunks, (2.0, 1.0))
+    reports = [shared.make_report(ME, 7, 1.0)]
+    shared.note_trunks(SolitaryTrunks(trunks, (2.0, 1.0), UNTURNED), (2.0, 1.0), 2.0)
+    reports.append(shared.make_report(ME, 9, 2.0))
+    both = [one for report in reports if report is not None for one in report.trunks]
+    assert [math.hypot(n, e) for n, e, _ in both] == pytest.approx(away_m[: 2 * TELLS_MAX])
 
     shared = looked(trunks)
     told = []
@@ -167,6 +174,15 @@ def test_the_own_turn_is_found_too() -> None:
     flight.hover(12.0, [(c * n + s * e, -s * n + c * e, d) for n, e, d in flight.told()])
     between = flight.here.filter.compass_of(OTHER) - flight.here.filter.compass[0]
     assert between == pytest.approx(turn, abs=math.radians(0.5))
+
+
+def test_a_message_is_aligned_together_with_the_one_before() -> None:
+    """Four trunks of each: neither alone is enough."""
+    flight = Hover(OFF)
+    near = flight.told()
+    for k in range(8):
+        flight.hover(1.0, near[k % 2 : 8 : 2])
+    assert flight.measured >= 5
 
 
 def test_trunks_put_no_neighbour_farther_than_the_own_radio_measures() -> None:
