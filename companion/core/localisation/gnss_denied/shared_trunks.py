@@ -72,7 +72,7 @@ class SharedTrunks:
         self._odo: Level = (0.0, 0.0)  # the own odometer there
         self._frame = (0.0, 0.0, 0.0)
         self._way_m = 0.0
-        self._told_farther = False  # the last time not the nearest were told
+        self._told_farther = True  # the last time, so the nearest are next
         self._reports: dict[int, TrunkReport] = {}  # the last of each sender
         self._noted_s = self._told_s = -math.inf
         self._aligned_s: dict[int, float] = {}  # by sender
