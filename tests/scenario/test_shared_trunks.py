@@ -12,9 +12,11 @@ from companion.core.localisation.gnss_denied.localiser import GnssDeniedLocalise
 from companion.core.model.states import SwarmPhase
 from mission.document.model import Mission
 from sim_bridge.drive import fly
+from sim_bridge.drive.lockstep.fleet_keys import FleetKeys
 from sim_bridge.drive.lockstep.lockstep import InProcess
 from sim_bridge.world.autopilot.estimates.odometry import Odometer
 from tests.flights import flown
+from tests.scenario.test_black_box_flights import replayed_in
 from tests.unit.core.ranging_kit import ranging_mission
 
 UNDER_WAY = (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE)
@@ -78,3 +80,23 @@ def test_it_is_the_same_flight_to_the_bit_in_one_process_and_in_many(tmp_path: P
     one, _ = flown(mission, tmp_path / "one")
     many, shown = flown(mission, tmp_path / "many", in_process=False)
     assert one.summary["trace_hash"] == many.summary["trace_hash"], shown
+
+
+def test_a_signed_flight_with_trunks_replays_bit_for_bit(tmp_path: Path) -> None:
+    mission = among_trees(swarm={"size": 3}, sim={"time_limit_s": 58.0})
+    told: set[int] = set()
+
+    def note_told(flight: fly.Flight) -> None:
+        for k, companion in flight.lockstep.companions.items():
+            assert isinstance(companion, InProcess)
+            localiser = companion.endpoint.agent.localiser
+            assert isinstance(localiser, GnssDeniedLocaliser)
+            assert localiser.trunks is not None
+            if localiser.trunks.aligned:
+                told.add(k)
+
+    flown(mission, tmp_path, keys=FleetKeys(mission), black_box=True, watch=note_told)
+    assert len(told) >= 2  # they have aligned what another told, through the guard
+    for replayed in replayed_in(tmp_path):
+        assert (replayed.difference, replayed.breaks, replayed.stopped) == ([], [], "")
+        assert replayed.same == replayed.summary.ticks > 100
