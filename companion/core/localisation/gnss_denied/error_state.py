@@ -39,6 +39,10 @@ class Errors:
     bearing_rad: float = math.radians(5.0)
 
 
+# Of odometers that raw scans correct: 0.01 to 0.04 m in 2 s among 400 trees/ha; more where few trunks are in sight
+BY_TRUNKS: Final = Errors(velocity_mps=0.05, bias_mps=0.02)
+
+
 @final
 class ErrorStateCovariance:
     """Slots: neighbours in their order, -1 this vehicle. A `turning`: by what each position moves for a radian."""
