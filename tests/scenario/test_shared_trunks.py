@@ -30,7 +30,7 @@ def among_trees(**tables: Any) -> Mission:
 
 
 class Relative:
-    """Errors of where vehicles in transit have one another, along their own odometry's axes; root of the mean square."""
+    """Errors of where vehicles in transit have one another, by their own odometry's axes; root of the mean square."""
 
     def __init__(self) -> None:
         self._squares: list[float] = []
