@@ -22,6 +22,7 @@ MATCH_M: Final = 0.35  # of a told trunk to a known one, at last
 DIAMETERS_M: Final = 0.15  # by which two sightings of one trunk part at most
 PAIRS_MAX: Final = 96  # of a turn; more are a thicket
 TRIES: Final = 8  # votes that are refined
+VOTES_SHARE: Final = 0.5  # of the best one's matches: with fewer votes no other place matches SECOND_SHARE of them
 FITS: Final = 4  # of each, one upon the other
 LEAST: Final = 6  # trunks matched
 LEAST_WIDE: Final = 7  # where the place was uncertain before
@@ -75,17 +76,16 @@ def align(
     best: Alignment | None = None
     second = 0
     found: list[Alignment] = []
-    for _, _, start in _vote(told, known, place, turn_rad):
-        if len(found) >= TRIES:
+    for votes, _, start in _vote(told, known, place, turn_rad):
+        if len(found) >= TRIES or (best is not None and -votes < VOTES_SHARE * best.matched):
             break
         if _is_one_of(start, found):
             continue
         fit = _refine(told, known, start)
         if fit is not None:
             found.append(fit)
-    for fit in found:
-        if best is None or fit.matched > best.matched:
-            best = fit
+            if best is None or fit.matched > best.matched:
+                best = fit
     if best is None:
         return None
     for fit in found:
@@ -109,9 +109,10 @@ def _vote(
     """Shifts and turns with how many trunks vote for each, the most first; then those turned least."""
     middle = (sum([one[0] for one in told]) / len(told), sum([one[1] for one in told]) / len(told))
     votes: list[tuple[int, float, Alignment]] = []
+    pairs = _find_near(told, known, place, turn_rad)
     for step in range(-TURNS, TURNS + 1):
         at_rad = turn_rad + step * TURN_RAD
-        shifts = _find_shifts(told, known, place, at_rad)
+        shifts = _find_shifts(pairs, at_rad)
         n, e = turned(at_rad, middle[0], middle[1])
         for k in range(len(shifts)):
             count = _count_votes(shifts, k)
@@ -127,22 +128,32 @@ def _rank_of(vote: tuple[int, float, Alignment]) -> tuple[int, float]:
     return vote[0], vote[1]
 
 
-def _find_shifts(
+def _find_near(
     told: Sequence[ToldTrunk], known: Sequence[ToldTrunk], place: Level, turn_rad: float
-) -> list[tuple[int, float, float]]:
+) -> list[tuple[int, _Pair]]:
+    """Pairs of trunks as thick as each other that any turn within those searched may bring near, by told ones."""
+    pairs: list[tuple[int, _Pair]] = []
+    for k in range(len(told)):
+        north_m, east_m, diameter_m = told[k]
+        n, e = turned(turn_rad, north_m, east_m)
+        reach_m = SHIFT_M + TURNS * TURN_RAD * math.hypot(north_m, east_m)
+        for one in known:
+            dn, de = one[0] - place[0] - n, one[1] - place[1] - e
+            if dn * dn + de * de <= reach_m * reach_m and abs(one[2] - diameter_m) <= DIAMETERS_M:
+                pairs.append((k, (north_m, east_m, one[0] - place[0], one[1] - place[1])))
+    return pairs
+
+
+def _find_shifts(pairs: Sequence[tuple[int, _Pair]], turn_rad: float) -> list[tuple[int, float, float]]:
     """Of each pair of trunks near to each other: which told one, and how far the known one is from it."""
     shifts: list[tuple[int, float, float]] = []
     cos, sin = math.cos(turn_rad), math.sin(turn_rad)
-    for k in range(len(told)):
-        north_m, east_m, diameter_m = told[k]
-        n = place[0] + cos * north_m - sin * east_m
-        e = place[1] + sin * north_m + cos * east_m
-        for one in known:
-            dn, de = one[0] - n, one[1] - e
-            if dn * dn + de * de <= SHIFT_M * SHIFT_M and abs(one[2] - diameter_m) <= DIAMETERS_M:
-                shifts.append((k, dn, de))
-                if len(shifts) >= PAIRS_MAX:
-                    return shifts
+    for k, (north_m, east_m, known_n, known_e) in pairs:
+        dn, de = known_n - (cos * north_m - sin * east_m), known_e - (sin * north_m + cos * east_m)
+        if dn * dn + de * de <= SHIFT_M * SHIFT_M:
+            shifts.append((k, dn, de))
+            if len(shifts) >= PAIRS_MAX:
+                break
     return shifts
 
 
