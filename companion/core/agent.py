@@ -12,7 +12,7 @@ from companion.core.guidance.guidance_input import Desired, GuidanceInput
 from companion.core.localisation.integrity.own_position import OwnPosition
 from companion.core.localisation.makes import build_localiser
 from companion.core.model.actions import Action, Say, SendBeacon, SendOdometry, VelocitySetpoint, brief
-from companion.core.model.beacon import RelativeReport
+from companion.core.model.beacon import RelativeReport, TrunkReport
 from companion.core.model.events import Event, HeardBeacon, OperatorOrder, Position, Ranges, Satellites, Scan
 from companion.core.model.stand import RecordsWaiting, StandMeasured
 from companion.core.model.states import NOT_YET_FLYING, BeaconFate, FlightState, Order, Role, Severity, SwarmPhase
@@ -103,7 +103,7 @@ class Agent:
                 self.flight.receive(flown, now_s)
             case Satellites():
                 self.localiser.receive_satellites(event, now_s)
-            case Ranges() | RelativeReport():
+            case Ranges() | RelativeReport() | TrunkReport():
                 self.localiser.receive_ranging(event, now_s)
             case Scan():
                 self.sensors.record_scan(event, now_s)

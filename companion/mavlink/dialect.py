@@ -1144,6 +1144,7 @@ MAVLINK_MSG_ID_SWARM_ORDER = 52106
 MAVLINK_MSG_ID_SWARM_MANIFEST = 52107
 MAVLINK_MSG_ID_SWARM_SIGNED_RECORD = 52108
 MAVLINK_MSG_ID_SWARM_BASE_VECTOR = 52109
+MAVLINK_MSG_ID_SWARM_TRUNKS = 52110
 
 
 class MAVLink_heartbeat_message(MAVLink_message):
@@ -4137,6 +4138,50 @@ class MAVLink_swarm_base_vector_message(MAVLink_message):
 setattr(MAVLink_swarm_base_vector_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_swarm_trunks_message(MAVLink_message):
+    """
+    Once a second behind a SWARM_BEACON, in a swarm of which not all
+    have satellite positions and whose vehicles carry raw lidars:
+    trunks about the sender, by which others that have seen them find
+    its place and turn.
+    """
+
+    id = MAVLINK_MSG_ID_SWARM_TRUNKS
+    msgname = "SWARM_TRUNKS"
+    fieldnames = ["time_boot_ms", "odo_n", "odo_e", "trunks"]
+    ordered_fieldnames = ["time_boot_ms", "odo_n", "odo_e", "trunks"]
+    fieldtypes = ["uint32_t", "float", "float", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "odo_n": "m", "odo_e": "m"}
+    native_format = bytearray(b"<IffB")
+    orders = [0, 1, 2, 3]
+    lengths = [1, 1, 1, 60]
+    array_lengths = [0, 0, 0, 60]
+    crc_extra = 95
+    unpacker = struct.Struct("<Iff60B")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_boot_ms: int, odo_n: float, odo_e: float, trunks: Sequence[int]):
+        MAVLink_message.__init__(self, MAVLink_swarm_trunks_message.id, MAVLink_swarm_trunks_message.msgname)
+        self._fieldnames = MAVLink_swarm_trunks_message.fieldnames
+        self._instance_field = MAVLink_swarm_trunks_message.instance_field
+        self._instance_offset = MAVLink_swarm_trunks_message.instance_offset
+        self.time_boot_ms = time_boot_ms
+        self.odo_n = odo_n
+        self.odo_e = odo_e
+        self.trunks = trunks
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.odo_n, self.odo_e, self.trunks[0], self.trunks[1], self.trunks[2], self.trunks[3], self.trunks[4], self.trunks[5], self.trunks[6], self.trunks[7], self.trunks[8], self.trunks[9], self.trunks[10], self.trunks[11], self.trunks[12], self.trunks[13], self.trunks[14], self.trunks[15], self.trunks[16], self.trunks[17], self.trunks[18], self.trunks[19], self.trunks[20], self.trunks[21], self.trunks[22], self.trunks[23], self.trunks[24], self.trunks[25], self.trunks[26], self.trunks[27], self.trunks[28], self.trunks[29], self.trunks[30], self.trunks[31], self.trunks[32], self.trunks[33], self.trunks[34], self.trunks[35], self.trunks[36], self.trunks[37], self.trunks[38], self.trunks[39], self.trunks[40], self.trunks[41], self.trunks[42], self.trunks[43], self.trunks[44], self.trunks[45], self.trunks[46], self.trunks[47], self.trunks[48], self.trunks[49], self.trunks[50], self.trunks[51], self.trunks[52], self.trunks[53], self.trunks[54], self.trunks[55], self.trunks[56], self.trunks[57], self.trunks[58], self.trunks[59]), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_swarm_trunks_message, "name", mavlink_msg_deprecated_name_property())
+
+
 mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_HEARTBEAT: MAVLink_heartbeat_message,
     MAVLINK_MSG_ID_SYS_STATUS: MAVLink_sys_status_message,
@@ -4203,6 +4248,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_SWARM_MANIFEST: MAVLink_swarm_manifest_message,
     MAVLINK_MSG_ID_SWARM_SIGNED_RECORD: MAVLink_swarm_signed_record_message,
     MAVLINK_MSG_ID_SWARM_BASE_VECTOR: MAVLink_swarm_base_vector_message,
+    MAVLINK_MSG_ID_SWARM_TRUNKS: MAVLink_swarm_trunks_message,
 }
 
 
@@ -6800,3 +6846,33 @@ class MAVLink(object):
 
         """
         self.send(self.swarm_base_vector_encode(told_count, base_epoch, mission_hash, node_flags, ed25519, log_entries), force_mavlink1=force_mavlink1)
+
+    def swarm_trunks_encode(self, time_boot_ms: int, odo_n: float, odo_e: float, trunks: Sequence[int]) -> MAVLink_swarm_trunks_message:
+        """
+        Once a second behind a SWARM_BEACON, in a swarm of which not all have
+        satellite positions and whose vehicles carry raw lidars:
+        trunks about the sender, by which others that have seen them
+        find its place and turn.
+
+        time_boot_ms              : That of the beacon before it. [ms] (type:uint32_t)
+        odo_n                     : How far the sender's odometer has come from its start, as in SWARM_RELATIVE, north. [m] (type:float)
+        odo_e                     : The same, east. [m] (type:float)
+        trunks                    : The nearest first, groups of five bytes: the trunk's axis from the sender in centimetres, north and east along the axes of its odometer (each an int16, low byte first), and its diameter in cm (0: none). (type:uint8_t)
+
+        """
+        return MAVLink_swarm_trunks_message(time_boot_ms, odo_n, odo_e, trunks)
+
+    def swarm_trunks_send(self, time_boot_ms: int, odo_n: float, odo_e: float, trunks: Sequence[int], force_mavlink1: bool = False) -> None:
+        """
+        Once a second behind a SWARM_BEACON, in a swarm of which not all have
+        satellite positions and whose vehicles carry raw lidars:
+        trunks about the sender, by which others that have seen them
+        find its place and turn.
+
+        time_boot_ms              : That of the beacon before it. [ms] (type:uint32_t)
+        odo_n                     : How far the sender's odometer has come from its start, as in SWARM_RELATIVE, north. [m] (type:float)
+        odo_e                     : The same, east. [m] (type:float)
+        trunks                    : The nearest first, groups of five bytes: the trunk's axis from the sender in centimetres, north and east along the axes of its odometer (each an int16, low byte first), and its diameter in cm (0: none). (type:uint8_t)
+
+        """
+        self.send(self.swarm_trunks_encode(time_boot_ms, odo_n, odo_e, trunks), force_mavlink1=force_mavlink1)

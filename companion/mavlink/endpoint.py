@@ -14,7 +14,7 @@ from typing import Any, Final, assert_never
 
 from companion.core.agent import Agent
 from companion.core.model.actions import Action, Ask, Say, SendBeacon, SendOdometry, VelocitySetpoint
-from companion.core.model.beacon import RelativeReport
+from companion.core.model.beacon import RelativeReport, TrunkReport
 from companion.core.model.events import Answer, AutopilotMode, Event, LidarScan
 from companion.core.model.stand import RecordsWaiting, StandMeasured
 from companion.core.model.states import BeaconFate, Role, Severity
@@ -111,6 +111,7 @@ class Endpoint:
             records,
             self.orders,
             ranging=ranging is not None,
+            trunks=mission.shares_trunks,
         )
         self.sensors = SensorInputs(sensors, vehicle_id, sensor_streams)
         self.survey: Final = None if survey is None else GuardedSurvey(survey)
@@ -127,6 +128,7 @@ class Endpoint:
         self._to_autopilot = wire.Sender(vehicle_id, COMPONENT)
         self._to_sensor = wire.Sender(vehicle_id, COMPONENT)
         self._text_id = 0  # of the last text said
+        self._aside: list[bytes] = []  # datagrams behind this tick's beacon
         self._to_say: list[Say] = []  # with the next tick; at most a few
         self._versions_told: set[int] = set()  # vehicles of this swarm whose beacons are of another version
         self._heartbeat_s: float | None = None
@@ -183,7 +185,7 @@ class Endpoint:
         """A datagram of the swarm's radio, which arrives at `now_s`."""
         for word in self.peers.read_datagram(data, now_s):
             match word:
-                case RelativeReport():
+                case RelativeReport() | TrunkReport():
                     self.agent.receive(word, now_s)
                 case sender, decoded:
                     key = sender, self._receive_beacon(sender, decoded, now_s)
@@ -290,7 +292,9 @@ class Endpoint:
         self._reply(now_s, to_autopilot)
         out.autopilot = b"".join([self.autopilot_gate.seal(frame, now_s) for frame in to_autopilot])
         out.peers = b"".join([*to_peers, *self.peers.prove(now_s)])
-        out.records = [*self.peers.send_orders(now_s), *self.peers.send_records(now_s, len(out.peers))]
+        aside, self._aside = self._aside, []
+        sent = len(out.peers) + sum(map(len, aside))
+        out.records = [*self.peers.send_orders(now_s), *aside, *self.peers.send_records(now_s, sent)]
         self._to_say += self.peers.take_says()
         return out
 
@@ -341,6 +345,8 @@ class Endpoint:
                 payload = self.codec.encode_beacon(action.beacon, action.pos_ned_m, action.off_ned_m)
                 if payload is not None:
                     to_peers += self.peers.send_beacon(action.beacon, payload, action.word, now_s)
+                    if action.trunks is not None:
+                        self._aside.append(self.peers.send_trunks(action.trunks, now_s))
             case Ask(request, altitude_m):
                 assert self.codec.make is not None  # nothing is asked of an unknown autopilot
                 command, parameters = self.codec.make.command(request, self.codec.altitude(altitude_m))

@@ -9,17 +9,19 @@ from collections.abc import Callable
 from functools import partial
 from typing import Final, NamedTuple
 
-from companion.core.model.beacon import Beacon, BeaconEcho, Candidate, Lease, PeerReport, RelativeReport
+from companion.core.model.beacon import Beacon, BeaconEcho, Candidate, Lease, PeerReport, RelativeReport, TrunkReport
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink.packing import (
     pack_cm,
     pack_ranges,
     pack_seen,
     pack_sets,
+    pack_trunks,
     unpack_cm,
     unpack_ranges,
     unpack_seen,
     unpack_sets,
+    unpack_trunks,
 )
 from mission.common.frames import Wgs84
 
@@ -420,4 +422,54 @@ def decode_relative_report(sender: int, fields: WireRelativeReport) -> RelativeR
         max(0.0, leader_sd),
         unpack_ranges(ranges),
         unpack_cm(place_sd),
+    )
+
+
+class WireTrunkReport(NamedTuple):
+    """SWARM_TRUNKS: the fields as they are sent, in that order; units as in docs/reference/beacon.md."""
+
+    time_boot_ms: int
+    odo_n: float
+    odo_e: float
+    trunks: bytes
+
+
+TRUNK_REPORT_PAYLOAD: Final = struct.Struct("<Iff60s")
+# `_make`, without its frame.
+_wire_trunk_report: Final[Callable[..., WireTrunkReport]] = partial(tuple.__new__, WireTrunkReport)
+
+
+def unpack_trunk_report(payload: bytes) -> WireTrunkReport:
+    """A payload, whole -> its fields."""
+    return _wire_trunk_report(TRUNK_REPORT_PAYLOAD.unpack(payload))
+
+
+def encode_trunk_report(value: TrunkReport) -> bytes:
+    """The payload of SWARM_TRUNKS, with its trailing zeros.
+
+    struct.error when a number does not fit its field: the core keeps them in bounds.
+    """
+    return TRUNK_REPORT_PAYLOAD.pack(
+        value.time_ms & 0xFFFFFFFF,
+        value.odo_ne_m[0],
+        value.odo_ne_m[1],
+        pack_trunks(value.trunks),
+    )
+
+
+def decode_trunk_report(sender: int, fields: WireTrunkReport) -> TrunkReport | None:
+    """Fields -> the value; None: one of them is not believed."""
+    (
+        time_boot_ms,
+        odo_n,
+        odo_e,
+        trunks,
+    ) = fields
+    if not (-50000.0 <= odo_n <= 50000.0 and -50000.0 <= odo_e <= 50000.0):
+        return None
+    return TrunkReport(
+        sender,
+        time_boot_ms,
+        (odo_n, odo_e),
+        unpack_trunks(trunks),
     )

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
-from companion.core.model.beacon import RangeTo
+from companion.core.model.beacon import RangeTo, ToldTrunk
 
 MOST: Final = 32  # ranges in a message
 FARTHEST_M: Final = 650.0  # a range that fits
@@ -17,6 +17,9 @@ UNKNOWN_CM: Final = 0xFFFF
 _AGE_MAX: Final = 255
 _RANGES_BYTES: Final = 4 * MOST
 _SETS_BYTES: Final = 96
+_TRUNK_BYTES: Final = 5
+_TRUNKS_BYTES: Final = 12 * _TRUNK_BYTES
+_CM_MAX: Final = 0x7FFF  # of an int16
 _SEEN_AGE_BITS: Final = 13
 _SEEN_AGE_MAX: Final = (1 << _SEEN_AGE_BITS) - 1
 
@@ -79,3 +82,24 @@ def pack_cm(metres: float | None) -> int:
 def unpack_cm(cm: int) -> float | None:
     """`pack_cm` back."""
     return None if cm == UNKNOWN_CM else cm / 100.0
+
+
+def pack_trunks(trunks: Iterable[ToldTrunk]) -> bytes:
+    """Groups of five bytes: north and east in centimetres as int16, diameter in centimetres; twelve at most."""
+    data = bytearray()
+    for north_m, east_m, diameter_m in trunks:
+        for metres in (north_m, east_m):
+            data += (max(-_CM_MAX, min(_CM_MAX, round(metres * 100.0))) & 0xFFFF).to_bytes(2, "little")
+        data.append(max(1, min(255, round(diameter_m * 100.0))))
+    return bytes(data[:_TRUNKS_BYTES]).ljust(_TRUNKS_BYTES, b"\0")
+
+
+def unpack_trunks(data: bytes) -> tuple[ToldTrunk, ...]:
+    """`pack_trunks` back; a group without a diameter is none."""
+    found: list[ToldTrunk] = []
+    for at in range(0, _TRUNKS_BYTES, _TRUNK_BYTES):
+        if data[at + 4]:
+            north = int.from_bytes(data[at : at + 2], "little", signed=True)
+            east = int.from_bytes(data[at + 2 : at + 4], "little", signed=True)
+            found.append((north / 100.0, east / 100.0, data[at + 4] / 100.0))
+    return tuple(found)

@@ -19,7 +19,7 @@ from mission.lanes.lay import Lane, Swath, lay_lanes
 from mission.lanes.spread import LineAbreast, line_abreast, swath_of
 from mission.schema.fields import COORDINATE_MAX_M, MAX_VEHICLES, Coordinate, Integer, Number, Table, Text, VehicleId
 from mission.schema.forest import Forest
-from mission.schema.kinds import SensorClass
+from mission.schema.kinds import RAW_LIDARS, SensorClass
 from mission.schema.payload import PAYLOADS_MAX, Payload
 from mission.schema.sim import Sim
 
@@ -652,6 +652,11 @@ class MissionTables(Table):
     def flies_by_ranges(self) -> bool:
         """Some vehicles have no satellite positions: all find one another by odometry and ranges."""
         return not all(map(self.has_satellites, range(1, self.swarm.size + 1)))
+
+    @property
+    def shares_trunks(self) -> bool:
+        """Vehicles that find one another by ranges tell one another of trunks: not by sectors, which look alike."""
+        return self.flies_by_ranges and self.sensing is not None and self.sensing.sensor in RAW_LIDARS
 
     @property
     def visits(self) -> tuple[Visit, ...]:

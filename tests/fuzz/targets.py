@@ -17,7 +17,7 @@ from companion.lidar.models import MODELS
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink.framing.frames import Framing
 from companion.mavlink.lidar_scan import LIDAR_SCAN_ID, decode_lidar_scan
-from companion.mavlink.relative import read_relative_report
+from companion.mavlink.relative import read_relative_report, read_trunk_report
 from companion.records.frames import read_record, read_vector
 from companion.records.node import open_base
 from companion.records.store import StoreError, open_store
@@ -150,7 +150,7 @@ def read_frames(data: bytes) -> object:
     beside: list[bytes] = []
     swarm_beacon.beacons(data, lambda frame: beside.append(frame) or False)
     for frame in beside:
-        read_record(frame), read_vector(frame), read_relative_report(frame)
+        read_record(frame), read_vector(frame), read_relative_report(frame), read_trunk_report(frame)
     for message in found:
         if message.get_msgId() == LIDAR_SCAN_ID:
             decode_lidar_scan(message)

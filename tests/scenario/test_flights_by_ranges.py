@@ -265,7 +265,7 @@ def off_m(agent: Agent, places: dict[int, Vec3], other: int) -> float:
     """By how much an agent is wrong about where another is, level."""
     here, there = places[agent.id], places[other]
     assert isinstance(agent.localiser, GnssDeniedLocaliser)
-    found = agent.localiser.ranging._filter.relative(other)
+    found = agent.localiser.ranging.filter.relative(other)
     assert found is not None
     return math.hypot(found.ne_m[0] - there[0] + here[0], found.ne_m[1] - there[1] + here[1])
 

@@ -16,7 +16,7 @@ from companion.core.localisation.dead_reckoning import DeadReckoning
 from companion.core.localisation.integrity.range_check import RangeCheck
 from companion.core.localisation.localiser import Localiser
 from companion.core.model.actions import SendBeacon
-from companion.core.model.beacon import Beacon, PeerReport, RelativeReport
+from companion.core.model.beacon import Beacon, PeerReport, RelativeReport, TrunkReport
 from companion.core.model.displaced import Displaced
 from companion.core.model.events import HeardBeacon, Position, Ranges, Satellites
 from companion.core.model.neighbour import Neighbour
@@ -90,7 +90,7 @@ class GnssLocaliser(Localiser):
         """Grows for as long as there is no fix."""
         return self._reckoning.error_m(now_s)
 
-    def receive_ranging(self, event: Ranges | RelativeReport, now_s: float) -> None:
+    def receive_ranging(self, event: Ranges | RelativeReport | TrunkReport, now_s: float) -> None:
         """Ranges, to hold positions against; nobody reports odometry."""
         if self._check is not None and isinstance(event, Ranges) and not self.is_backlog(now_s):
             self._check.receive(event.ranges, now_s)

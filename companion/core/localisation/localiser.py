@@ -17,12 +17,13 @@ from companion.core.localisation.destination import Destination
 from companion.core.localisation.peer_table import RANGE_SLACK, PeerTable
 from companion.core.localisation.silence_reports import SAY_AFTER_S, SilenceReports
 from companion.core.model.actions import Say, SendBeacon
-from companion.core.model.beacon import Beacon, PeerReport, RelativeReport
+from companion.core.model.beacon import Beacon, PeerReport, RelativeReport, TrunkReport
 from companion.core.model.displaced import Displaced
 from companion.core.model.events import HeardBeacon, Position, Ranges, Satellites
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import FlightState, LandedState, Reception, Role
 from companion.core.model.vectors import add, norm
+from companion.core.perception.landmarks.solitary_trunks import SolitaryTrunks
 from companion.core.perception.obstacle_perception import ObstaclePerception
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import Cause
@@ -122,8 +123,15 @@ class Localiser(ABC):
         """The autopilot is told of the own motion by trunks: `off_ned_mps` is that less what it has reported."""
 
     @abstractmethod
-    def receive_ranging(self, event: Ranges | RelativeReport, now_s: float) -> None:
-        """Take in own ranges, or what goes with a member's next beacon."""
+    def receive_ranging(self, event: Ranges | RelativeReport | TrunkReport, now_s: float) -> None:
+        """Take in own ranges, what goes with a member's next beacon, or trunks about a member."""
+
+    def is_due_for_trunks(self, now_s: float) -> bool:  # noqa: ARG002
+        """Own trunks in sight are to be noted: only where they are shared."""
+        return False
+
+    def note_trunks(self, seen: SolitaryTrunks, now_s: float) -> None:  # noqa: B027 - of no use where none are shared
+        """Take in own trunks in sight, after `receive_position`."""
 
     @abstractmethod
     def update_landed_state(self, landed: LandedState, *, waits: bool) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from companion.core.model.beacon import Beacon, RelativeReport
+from companion.core.model.beacon import Beacon, RelativeReport, TrunkReport
 from companion.core.model.states import Request, Severity
 from mission.common.frames import Vec3
 
@@ -33,6 +33,7 @@ class SendBeacon:
     word: Final[RelativeReport | None]  # where the swarm flies by ranges
     pos_ned_m: Final[Vec3 | None]  # there: where an acting leader is, about the mission's origin; others do not tell
     off_ned_m: Final[Vec3]  # the position flown by less the one that the autopilot reports
+    trunks: Final[TrunkReport | None]  # now and then, where they are shared
 
     def __init__(
         self,
@@ -40,11 +41,13 @@ class SendBeacon:
         word: RelativeReport | None = None,
         pos_ned_m: Vec3 | None = None,
         off_ned_m: Vec3 = (0.0, 0.0, 0.0),
+        trunks: TrunkReport | None = None,
     ) -> None:
         self.beacon = beacon
         self.word = word
         self.pos_ned_m = pos_ned_m
         self.off_ned_m = off_ned_m
+        self.trunks = trunks
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Values that vehicles broadcast to one another: SWARM_BEACON, SWARM_RELATIVE and their parts."""
+"""Values that vehicles broadcast to one another: SWARM_BEACON, SWARM_RELATIVE, SWARM_TRUNKS, parts."""
 
 # Generated from companion/mavlink/schema by `make dialect`; do not edit.
 
@@ -12,6 +12,7 @@ from mission.common.frames import Vec3
 
 NO_ROUTE: Final = 1e6  # route cost of a vehicle that knows no way to the leader
 RangeTo = tuple[int, float, float]  # a vehicle, the distance to it in metres, and how many seconds ago it was measured
+ToldTrunk = tuple[float, float, float]  # its axis north and east of who tells it, and its diameter, metres
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
@@ -234,3 +235,25 @@ class RelativeReport:
         self.leader_sd_m = leader_sd_m
         self.ranges = ranges
         self.position_sd_m = position_sd_m
+
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class TrunkReport:
+    """SWARM_TRUNKS: solitary trunks about its sender. North: of the sender's odometry."""
+
+    sender: Final[int]
+    time_ms: Final[int]  # of its beacon
+    odo_ne_m: Final[tuple[float, float]]  # as its odometer has come, when these were about it
+    trunks: Final[tuple[ToldTrunk, ...]]  # the nearest first
+
+    def __init__(
+        self,
+        sender: int,
+        time_ms: int,
+        odo_ne_m: tuple[float, float],
+        trunks: tuple[ToldTrunk, ...],
+    ) -> None:
+        self.sender = sender
+        self.time_ms = time_ms
+        self.odo_ne_m = odo_ne_m
+        self.trunks = trunks

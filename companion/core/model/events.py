@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from companion.core.model.beacon import Beacon, RangeTo, RelativeReport
+from companion.core.model.beacon import Beacon, RangeTo, RelativeReport, TrunkReport
 from companion.core.model.stand import RecordsWaiting, StandMeasured
 from companion.core.model.states import AutopilotTraits, FlightMode, LandedState, Order, Request, Result
 from mission.common.frames import Vec3
@@ -233,4 +233,14 @@ AnyScan = ObstacleScan | LidarScan
 
 RecordEvent = StandMeasured | RecordsWaiting
 
-Event = AutopilotEvent | OperatorOrder | HeardBeacon | AnyScan | Ranges | Satellites | RelativeReport | RecordEvent
+Event = (
+    AutopilotEvent
+    | OperatorOrder
+    | HeardBeacon
+    | AnyScan
+    | Ranges
+    | Satellites
+    | RelativeReport
+    | TrunkReport
+    | RecordEvent
+)

@@ -16,6 +16,7 @@ from companion.core.model.events import AnyScan, LidarScan, ObstacleScan, Positi
 from companion.core.model.neighbour import Neighbour, find_hover_places
 from companion.core.perception.columns.column_map import ColumnMap
 from companion.core.perception.ghost_tracks import GhostTracks
+from companion.core.perception.landmarks.solitary_trunks import SolitaryTrunks, find_solitary
 from companion.core.perception.level_scan import LevelScan, ScanClass, level_scan_of
 from companion.core.perception.lidar_mapper import LidarMapper
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud, Obstacle, ObstacleKind, trunks_of
@@ -109,6 +110,10 @@ class ObstaclePerception(ABC):
     def sees_motion(self) -> bool:
         """The own motion is corrected by trunks in sight."""
         return False
+
+    def find_solitary_trunks(self, flown: Position, now_s: float) -> SolitaryTrunks | None:  # noqa: ARG002
+        """Trunks that may be told, about a vehicle that flies by this position; None: nothing seen tells its motion."""
+        return None
 
     def take_odometry(self) -> bool:
         """True once for each turn that tells the own motion, where the mission has the autopilot told of it."""
@@ -255,6 +260,14 @@ class SensingPerception(ObstaclePerception):
     def sees_motion(self) -> bool:
         """By the own motion, in all directions: a wall alone tells of one."""
         return self.motion.velocity_bias_ne_mps is not None and self.motion.odometry.corrected_along is None
+
+    def find_solitary_trunks(self, flown: Position, now_s: float) -> SolitaryTrunks | None:
+        """By raw scans: by sectors trunks of strangers look alike."""
+        odometry = self.motion.odometry
+        if not self._has_widths or not odometry.is_corrected(now_s):
+            return None
+        north, east, _ = self.motion.correct_place(flown.pos_ned_m)
+        return SolitaryTrunks(find_solitary(odometry.trunks, now_s), (north, east), odometry.frame)
 
     def take_odometry(self) -> bool:
         """As turns correct the own motion."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final, final
 
 from companion.core.model.actions import Say
-from companion.core.model.beacon import Beacon, RelativeReport
+from companion.core.model.beacon import Beacon, RelativeReport, TrunkReport
 from companion.core.model.states import Severity
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink.beacon import COMPONENT, REFUSED, Decoded, Reader
@@ -15,11 +15,18 @@ from companion.mavlink.framing.frames import source
 from companion.mavlink.harvest import RecordLink
 from companion.mavlink.orders.desk import OrderDesk
 from companion.mavlink.orders.order import ORDER_ID, is_order_frame
-from companion.mavlink.own_messages import encode_relative_report
+from companion.mavlink.own_messages import encode_relative_report, encode_trunk_report
 from companion.mavlink.peers.guard import Guard
-from companion.mavlink.relative import RELATIVE_ID, is_relative_report, read_relative_report
+from companion.mavlink.relative import (
+    RELATIVE_ID,
+    TRUNKS_ID,
+    is_relative_report,
+    is_trunk_report,
+    read_relative_report,
+    read_trunk_report,
+)
 
-Heard = RelativeReport | tuple[int, Decoded]  # a beacon: its sender's system id, and what of it counts
+Heard = RelativeReport | TrunkReport | tuple[int, Decoded]  # a beacon: its sender's system id, and what of it counts
 
 
 @final
@@ -35,19 +42,26 @@ class PeersLink:
         orders: OrderDesk,
         *,
         ranging: bool,
+        trunks: bool = False,
     ) -> None:
-        """`records`, `orders`: take the frames of these; `ranging`: SWARM_RELATIVE goes with beacons."""
+        """`records`, `orders`: take the frames of these.
+
+        `ranging`: SWARM_RELATIVE goes with beacons; `trunks`: and SWARM_TRUNKS behind some.
+        """
         self.guard: Final = guard
         self.without_beacon = 0  # datagrams
         self._reader: Final = reader
         self._records: Final = records
         self._orders: Final = orders
         self._ranging: Final = ranging
+        self._trunks: Final = trunks
         self._sender: Final = wire.Sender(vehicle_id, COMPONENT, guard.flags)
 
     def read_datagram(self, data: bytes, now_s: float) -> Sequence[Heard]:
         """The reports in it, then the beacons; what proves or records is acted on as it comes."""
-        one = _Datagram(self._reader, self.guard, self._records, self._orders, now_s, ranging=self._ranging)
+        one = _Datagram(
+            self._reader, self.guard, self._records, self._orders, now_s, ranging=self._ranging, trunks=self._trunks
+        )
         beacons = swarm_beacon.read_each(data, one.read_beacon, one.take_frame)
         heard: list[Heard] = [*one.reports]
         for sender, _, decoded in beacons:
@@ -66,6 +80,10 @@ class PeersLink:
             frames.append(self.guard.seal(self._sender.frame(RELATIVE_ID, encode_relative_report(word)), now_s))
         frames.append(self.guard.seal(self._sender.frame(swarm_beacon.MESSAGE_ID, payload), now_s, said))
         return frames
+
+    def send_trunks(self, trunks: TrunkReport, now_s: float) -> bytes:
+        """The frame of trunks, a datagram, behind a beacon."""
+        return self.guard.seal(self._sender.frame(TRUNKS_ID, encode_trunk_report(trunks)), now_s)
 
     def prove(self, now_s: float) -> list[bytes]:
         """Frames to send behind this tick's beacon."""
@@ -93,7 +111,7 @@ class PeersLink:
 class _Datagram:
     """One datagram while it is read: its frames pass the guard in the order in which they were sent."""
 
-    __slots__ = ("_guard", "_now_s", "_orders", "_ranging", "_reader", "_records", "others", "reports")
+    __slots__ = ("_guard", "_now_s", "_orders", "_ranging", "_reader", "_records", "_trunks", "others", "reports")
 
     def __init__(
         self,
@@ -104,8 +122,9 @@ class _Datagram:
         now_s: float,
         *,
         ranging: bool,
+        trunks: bool,
     ) -> None:
-        self.reports: list[RelativeReport] = []
+        self.reports: list[RelativeReport | TrunkReport] = []
         self.others = 0  # valid frames that are neither reports nor beacons
         self._reader = reader
         self._guard = guard
@@ -113,6 +132,7 @@ class _Datagram:
         self._orders = orders
         self._now_s = now_s
         self._ranging = ranging
+        self._trunks = trunks
 
     def read_beacon(self, frame: bytes) -> Decoded | None:
         """A frame with a beacon's id -> its beacon, or REFUSED; None: it is not valid."""
@@ -138,10 +158,21 @@ class _Datagram:
             taken = guard.admits(frame, now_s, named=False) and records.receive(frame, now_s)
             self.others += taken
             return taken
+        if self._trunks and is_trunk_report(frame):
+            return self._take_trunks(frame)
         if not self._ranging or not is_relative_report(frame):
             return False
         if source(frame)[1] == COMPONENT and guard.admits(frame, now_s):
             report = read_relative_report(frame)
             if report is not None:
+                self.reports.append(report)
+        return True
+
+    def _take_trunks(self, frame: bytes) -> bool:
+        """A datagram of its own."""
+        if source(frame)[1] == COMPONENT and self._guard.admits(frame, self._now_s):
+            report = read_trunk_report(frame)
+            if report is not None:
+                self.others += 1
                 self.reports.append(report)
         return True

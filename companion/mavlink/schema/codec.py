@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from companion.core.model import states
 from companion.mavlink.schema.attributes import Attribute, Class, class_of
 from companion.mavlink.schema.rows import Bits, Field, Message, Value
-from companion.mavlink.schema.values import HERE, NOTE, import_lines
+from companion.mavlink.schema.values import HERE, NOTE, WIDTH, import_lines
 
 FEW = 3  # terms in one line
 ZEROS = {"int": "0", "float": "0.0", "bool": "False", "Vec3": "(0.0, 0.0, 0.0)"}
@@ -172,10 +172,15 @@ def _decoder(message: Message, one: Class, name: str) -> Iterator[str]:
     yield "    ) = fields"
     checks = [check for row in rows for check in _checks(row)]
     if checks:
-        yield "    if not ("
-        yield f"        {checks[0]}"
-        yield from (f"        and {check}" for check in checks[1:])
-        yield from ("    ):", "        return None")
+        line = f"    if not ({' and '.join(checks)}):"
+        if len(line) <= WIDTH:
+            yield line
+        else:
+            yield "    if not ("
+            yield f"        {checks[0]}"
+            yield from (f"        and {check}" for check in checks[1:])
+            yield "    ):"
+        yield "        return None"
     for row in rows:
         if len(row.values) > 1:
             yield f"    {', '.join(value.name for value in row.values)} = {row.unpack.format(row.name)}"

@@ -7,14 +7,14 @@ from typing import Final
 from companion.core.model.states import SwarmPhase
 from companion.mavlink.schema.rows import Enumeration, Message
 from companion.mavlink.schema.tables.beacon import BEACON, FASTEST_MPS, FURTHEST_M, VERSION
-from companion.mavlink.schema.tables.measurements import LIDAR_SCAN, RANGES, RECORD, RECORD_VECTOR, RELATIVE
+from companion.mavlink.schema.tables.measurements import LIDAR_SCAN, RANGES, RECORD, RECORD_VECTOR, RELATIVE, TRUNKS
 from companion.mavlink.schema.tables.orders import ORDER
 from companion.mavlink.schema.tables.signed_records import BASE_VECTOR, SIGNED_RECORD
 from companion.mavlink.schema.tables.signing import MANIFEST
 
 OWN: Final[tuple[Message, ...]] = (
     *(BEACON, RANGES, RELATIVE, LIDAR_SCAN, RECORD_VECTOR, RECORD),
-    *(ORDER, MANIFEST, SIGNED_RECORD, BASE_VECTOR),
+    *(ORDER, MANIFEST, SIGNED_RECORD, BASE_VECTOR, TRUNKS),
 )
 CONSTANTS: Final = {  # name in own_messages.py: value, reason
     "VERSION": (VERSION, "of what the fields of a beacon mean"),
@@ -27,12 +27,15 @@ IMPORTS: Final = {  # names that rows may use: where they are
     "Vec3": "mission.common.frames",
     "Wgs84": "mission.common.frames",
     "RangeTo": "companion.core.model.beacon",
+    "ToldTrunk": "companion.core.model.beacon",
     "pack_cm": "companion.mavlink.packing",
     "unpack_cm": "companion.mavlink.packing",
     "pack_ranges": "companion.mavlink.packing",
     "unpack_ranges": "companion.mavlink.packing",
     "pack_seen": "companion.mavlink.packing",
     "unpack_seen": "companion.mavlink.packing",
+    "pack_trunks": "companion.mavlink.packing",
+    "unpack_trunks": "companion.mavlink.packing",
     "pack_sets": "companion.mavlink.packing",
     "unpack_sets": "companion.mavlink.packing",
 }
@@ -41,6 +44,7 @@ ALIASES: Final = {  # types of the core's values: what, meaning
         "tuple[int, float, float]",
         "a vehicle, the distance to it in metres, and how many seconds ago it was measured",
     ),
+    "ToldTrunk": ("tuple[float, float, float]", "its axis north and east of who tells it, and its diameter, metres"),
 }
 ENUMERATIONS: Final = (
     Enumeration(

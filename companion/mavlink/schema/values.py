@@ -19,7 +19,7 @@ def values(messages: Sequence[Message], aliases: Mapping[str, tuple[str, str]], 
     used = "\n".join(body)
     return "\n".join(
         [
-            '"""Values that vehicles broadcast to one another: SWARM_BEACON, SWARM_RELATIVE and their parts."""',
+            '"""Values that vehicles broadcast to one another: SWARM_BEACON, SWARM_RELATIVE, SWARM_TRUNKS, parts."""',
             "",
             NOTE,
             "",

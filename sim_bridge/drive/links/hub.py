@@ -24,6 +24,7 @@ CARRIED = frozenset(  # to the other companions
         dialect.MAVLINK_MSG_ID_SWARM_RECORD,
         dialect.MAVLINK_MSG_ID_SWARM_MANIFEST,
         dialect.MAVLINK_MSG_ID_SWARM_ORDER,
+        dialect.MAVLINK_MSG_ID_SWARM_TRUNKS,
         dialect.MAVLINK_MSG_ID_SWARM_RECORD_VECTOR,
         dialect.MAVLINK_MSG_ID_SWARM_SIGNED_RECORD,
         dialect.MAVLINK_MSG_ID_SWARM_BASE_VECTOR,

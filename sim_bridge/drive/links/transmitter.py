@@ -1,8 +1,8 @@
 """The companions' way on to the air: each beacon is decoded once, here; the radio only carries bytes.
 
 What goes with a beacon in a swarm that flies by ranges (SWARM_RELATIVE) comes in one datagram with it, and so it goes
-on the air: both arrive together or not at all, and so does the manifest behind a beacon of a signed swarm. Orders and
-records go on the air frame by frame, after the beacons.
+on the air: both arrive together or not at all, and so does the manifest behind a beacon of a signed swarm. Orders,
+trunks and records go on the air frame by frame, after the beacons.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from companion.mavlink.beacon import COMPONENT, WireBeacon, beacons
 from companion.mavlink.framing.frames import source
 from companion.mavlink.orders.order import order_payload
 from companion.mavlink.peers import manifest as manifests
-from companion.mavlink.relative import read_relative_report
+from companion.mavlink.relative import is_trunk_report, read_relative_report
 from companion.records.frames import is_record_frame, read_record, read_vector
 from companion.records.signed.messages import read_base_vector, read_signed_record
 from sim_bridge.drive.links.insider import Insiders
@@ -62,6 +62,7 @@ class Transmitter:
         for frame in (
             self._proof(sender, proofs),
             *self._frames_of(sender, found.orders),
+            *self._frames_of(sender, found.trunks),
             *self._frames_of(sender, found.records),
         ):
             if frame:
@@ -86,6 +87,7 @@ class _Found:
     def __init__(self) -> None:
         self.words: list[tuple[bytes, RelativeReport]] = []
         self.orders: list[bytes] = []
+        self.trunks: list[bytes] = []
         self.records: list[bytes] = []
         self.proofs: list[bytes] = []
 
@@ -101,6 +103,9 @@ class _Found:
             return True
         if manifests.read_manifest(frame) is not None:
             self.proofs.append(frame)
+            return True
+        if is_trunk_report(frame):
+            self.trunks.append(frame)
             return True
         word = read_relative_report(frame)
         if word is not None:

@@ -8,11 +8,13 @@ from typing import Any
 import pytest
 
 from companion.core.model.actions import Ask, Say, SendBeacon, SendOdometry, VelocitySetpoint
+from companion.core.model.beacon import TrunkReport
 from companion.core.model.states import Request, Severity
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint, Outbox
 from companion.mavlink.framing.texts import Reader
+from companion.mavlink.relative import read_trunk_report
 from mission.document.model import RANGE_MAX_M
 from tests.unit.core.core_kit import beacon, mission
 from tests.unit.mavlink.endpoint_kit import FLOWING, HOME, ME, TICK_S, endpoint, packed, placed, position, read
@@ -102,6 +104,14 @@ def test_numbers_of_texts_come_round_without_a_zero() -> None:
     one._text_id = 0xFFFF
     one.agent = Puppet(Say(Severity.WARNING, "x" * 80))  # type: ignore[assignment]
     assert put_together(*read(one.tick(10.0).autopilot)) == ["x" * 80]
+
+
+def test_trunks_go_behind_a_beacon_in_a_datagram_of_their_own() -> None:
+    out = told(SendBeacon(beacon(ME), trunks=TrunkReport(ME, 7, (0.0, 0.0), ((1.0, 2.0, 0.3),))))
+    assert len(swarm_beacon.beacons(out.peers)) == 1
+    (aside,) = out.records
+    assert read_trunk_report(aside) is not None
+    assert told(SendBeacon(beacon(ME))).records == []
 
 
 def test_nothing_to_do_sends_nothing() -> None:

@@ -6,16 +6,16 @@ from typing import Any
 
 import pytest
 
-from companion.core.model.beacon import RelativeReport
+from companion.core.model.beacon import RelativeReport, TrunkReport
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink.beacon import REFUSED, Reader
 from companion.mavlink.framing import wire
 from companion.mavlink.orders.desk import open_desk
-from companion.mavlink.own_messages import encode_relative_report
+from companion.mavlink.own_messages import encode_relative_report, encode_trunk_report
 from companion.mavlink.peers import manifest, peers_link
 from companion.mavlink.peers.frame_mac import seal
 from companion.mavlink.peers.peers_link import PeersLink
-from companion.mavlink.relative import RELATIVE_ID
+from companion.mavlink.relative import RELATIVE_ID, TRUNKS_ID
 from mission.common.frames import LocalFrame
 from tests.unit.mavlink.signing_kit import HERE, beacon_frame, met
 
@@ -58,6 +58,19 @@ def test_what_is_forged_is_not_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
     heard = link.read_datagram(sealed + report + proof, now_s)
     assert len(heard) == 2
     assert sorted(decoded) == ["decode", "read_manifest", "read_relative_report"]
+
+
+def test_forged_trunks_are_not_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
+    (one, two), now_s = met(1, 2)
+    link = PeersLink(1, Reader(LocalFrame(HERE)), one.guard, None, open_desk(None), ranging=True, trunks=True)
+    payload = encode_trunk_report(TrunkReport(2, 1000, (0.0, 0.0), ((1.0, 2.0, 0.3),)))
+    frame = wire.frame(TRUNKS_ID, payload, seq=0, system=2, component=191, flags=1)
+    sealed = two.guard.seal(frame, now_s + 1.1)
+    monkeypatch.setattr(peers_link, "read_trunk_report", lambda _: pytest.fail("decoded"))
+    assert link.read_datagram(forged(sealed), now_s + 1.11) == []
+    assert link.read_datagram(frame, now_s + 1.11) == []
+    monkeypatch.undo()
+    assert len(link.read_datagram(sealed, now_s + 1.12)) == 1
 
 
 def test_what_does_not_pass_takes_no_place_among_what_a_reader_remembers() -> None:

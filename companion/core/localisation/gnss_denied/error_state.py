@@ -39,6 +39,10 @@ class Errors:
     bearing_rad: float = math.radians(5.0)
 
 
+# Of odometers that raw scans correct: 0.01 to 0.04 m in 2 s among 400 trees/ha; more where few trunks are in sight
+BY_TRUNKS: Final = Errors(velocity_mps=0.05, bias_mps=0.02)
+
+
 @final
 class ErrorStateCovariance:
     """Slots: neighbours in their order, -1 this vehicle. A `turning`: by what each position moves for a radian."""
@@ -105,6 +109,10 @@ class ErrorStateCovariance:
     def yaw(self, slot: int) -> int:
         """Index in the state of the error of its compass."""
         return 2 * self.n + 6 + 3 * slot if slot >= 0 else 2 * self.n + 1
+
+    def indices(self, slot: int) -> tuple[int, int, int, int]:
+        """Of a neighbour's position north (east is the next), the formation's turn, its compass, the own one."""
+        return 2 * slot, 2 * self.n, self.yaw(slot), self.yaw(-1)
 
     def _prior(self, slot: int) -> None:
         errors, cov, bias, yaw = self._errors, self.cov, self.bias(slot), self.yaw(slot)
@@ -318,6 +326,23 @@ class ErrorStateCovariance:
                 cov[j][i] = value
         self.clear()
         return [dot(first[i], step, d) for i in range(size)]
+
+    def variance_of(self, seen: Sequence[tuple[int, float]]) -> float:
+        """h P h', of a measurement of any of the states: their indices and factors."""
+        return sum([h * g * self.cov[k][j] for k, h in seen for j, g in seen])
+
+    def correct_by(self, seen: Sequence[tuple[int, float]], off: float, variance: float) -> Row:
+        """One such measurement, off what is thought by so much; the change of the state."""
+        cov = self.cov
+        column = [sum([h * row[k] for k, h in seen]) for row in cov]
+        expected = variance + sum([h * column[k] for k, h in seen])
+        for i, row in enumerate(cov):
+            gain = column[i] / expected
+            for j in range(i + 1):
+                value = row[j] - gain * column[j]
+                row[j] = value
+                cov[j][i] = value
+        return [one * off / expected for one in column]
 
     def add_process_noise(self, since_s: float) -> None:
         """White noise of all odometers. After the correction: ranges are older, by half an epoch and a beacon."""

@@ -15,13 +15,15 @@ from typing import Final, final
 from companion.core.localisation.gnss_denied.excitation import EXCITED, ExcitationManoeuvre
 from companion.core.localisation.gnss_denied.global_localisation import GlobalLocalisation
 from companion.core.localisation.gnss_denied.ranging import RangingLocaliser
+from companion.core.localisation.gnss_denied.shared_trunks import SharedTrunks
 from companion.core.localisation.localiser import Localiser
 from companion.core.model.actions import Say, SendBeacon
-from companion.core.model.beacon import Beacon, PeerReport, RelativeReport
+from companion.core.model.beacon import Beacon, PeerReport, RelativeReport, TrunkReport
 from companion.core.model.events import HeardBeacon, Position, Ranges, Satellites
 from companion.core.model.neighbour import Neighbour, find_hover_places
 from companion.core.model.states import FlightState, LandedState, Role, Severity
 from companion.core.model.vectors import ZERO, add, limit, scale, sub
+from companion.core.perception.landmarks.solitary_trunks import SolitaryTrunks
 from companion.core.vehicle.failsafe import Cause
 from mission.common.frames import Vec3
 from mission.document.model import Mission
@@ -41,6 +43,7 @@ class GnssDeniedLocaliser(Localiser):
         super().__init__(mission, me, corrects_velocity=False)
         self.ranging: Final = RangingLocaliser(mission, me)
         self.global_localisation: Final = GlobalLocalisation(receives=mission.has_satellites(me))
+        self.trunks: Final = SharedTrunks() if mission.shares_trunks else None
         self.reception = self.global_localisation.reception
         self._receives = mission.has_satellites(me)
         self._budget_m = mission.swarm.position_error_max_m
@@ -101,16 +104,28 @@ class GnssDeniedLocaliser(Localiser):
         """None but what is kept as uncertainty."""
         return 0.0
 
-    def receive_ranging(self, event: Ranges | RelativeReport, now_s: float) -> None:
-        """A report waits for its beacon."""
+    def receive_ranging(self, event: Ranges | RelativeReport | TrunkReport, now_s: float) -> None:
+        """A relative report waits for its beacon."""
         if self.is_backlog(now_s):
             return
         if isinstance(event, Ranges):
             self.ranging.receive_ranges(event.ranges, now_s)
+        elif isinstance(event, TrunkReport):
+            if self.trunks is not None:
+                self.trunks.receive_report(event, self.ranging, now_s)
         else:
             waiting = self._reports.setdefault(event.sender, [])
             waiting.append(event)
             del waiting[:-REPORTS_MAX]
+
+    def is_due_for_trunks(self, now_s: float) -> bool:
+        """In missions in which they are shared."""
+        return self.trunks is not None and self.trunks.is_due(now_s)
+
+    def note_trunks(self, seen: SolitaryTrunks, now_s: float) -> None:
+        """To be told, and to be compared with what others tell."""
+        if self.trunks is not None:
+            self.trunks.note_trunks(seen, self.ranging.odo_ne_m, now_s)
 
     def update_landed_state(self, landed: LandedState, *, waits: bool) -> None:
         """For the start-placement check, and whether it is at its start at all."""
@@ -226,4 +241,6 @@ class GnssDeniedLocaliser(Localiser):
         """The beacon, its relative report, and an acting leader's position in the mission's frame."""
         position = add(pos_ned_m, self._offset_ned_m) if role is Role.LEADER else None
         position_sd_m = None if beacon.dest_ned_m is None else self.global_localisation.sd_m
-        return SendBeacon(beacon, self.ranging.make_report(leader, beacon.time_ms, now_s, position_sd_m), position)
+        report = self.ranging.make_report(leader, beacon.time_ms, now_s, position_sd_m)
+        trunks = None if self.trunks is None else self.trunks.make_report(self._me, beacon.time_ms, now_s)
+        return SendBeacon(beacon, report, position, trunks=trunks)

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, final
 
-from companion.core.localisation.gnss_denied.error_state import Errors, Level
+from companion.core.localisation.gnss_denied.error_state import BY_TRUNKS, Errors, Level
 from companion.core.localisation.gnss_denied.relative_filter import RelativeFilter
 from companion.core.localisation.gnss_denied.relative_state import drift_of
 from companion.core.localisation.gnss_denied.relocalisation import Relocaliser
@@ -47,13 +47,11 @@ class RangingLocaliser:
         "_begun",
         "_doubts",
         "_down_m",
-        "_filter",
         "_me",
         "_measures",
         "_met",
         "_mission",
         "_near_m",
-        "_odo_ne_m",
         "_others_away",
         "_own_ranges",
         "_position_sd_m",
@@ -63,7 +61,9 @@ class RangingLocaliser:
         "_start_check",
         "_starts",
         "_told_s",
+        "filter",
         "is_lost",
+        "odo_ne_m",
         "strayed_ned_m",
         "uncertain_peers",
     )
@@ -89,9 +89,9 @@ class RangingLocaliser:
         self._others_away = False  # one of them had left its start by then
         self._begun = False  # it is known whether it is at its start
         self._age_s = UNKNOWN_AGE_S  # of the own odometer
-        self._filter = self._filter_of(others, START_SD_M)
+        self.filter = self._filter_of(others, START_SD_M)
         self._down_m = {k: starts[k - 1][2] for k in others}  # as they told last, about the mission's origin
-        self._odo_ne_m: Level = (0.0, 0.0)
+        self.odo_ne_m: Level = (0.0, 0.0)
         self._read_s: float | None = None
         self.strayed_ned_m: Vec3 = ZERO  # how far the own odometer has gone wrong by its bias, since the start
         self._position_sd_m: dict[int, float] = {}  # as they told last
@@ -106,18 +106,18 @@ class RangingLocaliser:
         """The own odometer: the own told position, of which differences count."""
         pos, vel, start = position.pos_ned_m, position.vel_ned_mps, self._starts[self._me - 1]
         self._down_m[self._me] = pos[2]
-        self._odo_ne_m = _level(pos, start)
+        self.odo_ne_m = _level(pos, start)
         if position.boot_s is not None:
             self._age_s = position.boot_s
         self._relocaliser.update_odometry((pos[0], pos[1]))
         if self.is_lost:
             return
         if self._read_s is not None and 0.0 < now_s - self._read_s <= GAP_S:
-            (bias_n, bias_e), since_s = self._filter.bias_ne_mps, now_s - self._read_s
+            (bias_n, bias_e), since_s = self.filter.bias_ne_mps, now_s - self._read_s
             strayed = self.strayed_ned_m
             self.strayed_ned_m = (strayed[0] + bias_n * since_s, strayed[1] + bias_e * since_s, 0.0)
         self._read_s = now_s
-        self._filter.update_odometry(self._odo_ne_m, (vel[0], vel[1]), now_s)
+        self.filter.update_odometry(self.odo_ne_m, (vel[0], vel[1]), now_s)
 
     def receive_ranges(self, ranges: tuple[RangeTo, ...], now_s: float) -> None:
         """The ranges that the own radio has measured."""
@@ -164,9 +164,9 @@ class RangingLocaliser:
             return
         if word.to_leader_ne_m is None:
             self._agreed.discard(sender)
-        elif sender not in self._agreed or sender not in self._filter.ids:
+        elif sender not in self._agreed or sender not in self.filter.ids:
             self._compare_leader(word, leader)
-        self._filter.update_peer_odometry(sender, word.odo_ne_m, vel, age_s, now_s)
+        self.filter.update_peer_odometry(sender, word.odo_ne_m, vel, age_s, now_s)
         self._add_told_ranges(word, age_s, now_s)
 
     def _add_told_ranges(self, word: RelativeReport, age_s: float, now_s: float) -> None:
@@ -182,13 +182,13 @@ class RangingLocaliser:
                 return ""
             self._begin_at(*finder.locate_vehicles(self._down_m, now_s))
             return "relative localisation initialised"
-        self._filter.advance(now_s)
+        self.filter.advance(now_s)
         if not self.is_doubtful or not finder.search(math.inf, now_s):
             return ""
         leader, there, _ = finder.leader
         if leader == self._me:
             return ""
-        known = self._filter.relative(leader)
+        known = self.filter.relative(leader)
         self._doubts = False
         if known is not None and math.dist(known.ne_m, there) <= AGREES_M:
             return ""
@@ -199,7 +199,7 @@ class RangingLocaliser:
         """Starts anew from found positions; neighbours that are not among them will tell where they are."""
         self.is_lost = self._doubts = False
         self._agreed = set(positions)
-        self._filter = self._filter_of(positions, sd_m)
+        self.filter = self._filter_of(positions, sd_m)
 
     def update_landed_state(self, landed: LandedState, *, waits: bool) -> None:
         """Once it is known whether this vehicle flies: one that does, or is elsewhere, is not at the mission's start.
@@ -209,7 +209,7 @@ class RangingLocaliser:
         (self._standing.add if landed is LandedState.ON_GROUND else self._standing.discard)(self._me)
         begins = not self._begun and landed is not LandedState.UNDEFINED
         self._begun |= begins
-        lost = begins and (landed is not LandedState.ON_GROUND or math.hypot(*self._odo_ne_m) > AWAY_M)
+        lost = begins and (landed is not LandedState.ON_GROUND or math.hypot(*self.odo_ne_m) > AWAY_M)
         self.is_lost |= lost or (self._others_away and waits and self._begun)
         self._others_away = False
 
@@ -221,8 +221,8 @@ class RangingLocaliser:
             return
         self._others_away = True
         here, there = self._starts[self._me - 1], self._starts[sender - 1]
-        at = (there[0] + odo[0] - here[0] - self._odo_ne_m[0], there[1] + odo[1] - here[1] - self._odo_ne_m[1])
-        self._filter.add_peer(sender, at, self._drifted_m)
+        at = (there[0] + odo[0] - here[0] - self.odo_ne_m[0], there[1] + odo[1] - here[1] - self.odo_ne_m[1])
+        self.filter.add_peer(sender, at, self._drifted_m)
 
     def _compare_leader(self, word: RelativeReport, leader: int) -> None:
         """A neighbour begins to tell where it has the leader: where it is thought to be elsewhere, its word counts."""
@@ -230,19 +230,19 @@ class RangingLocaliser:
         assert to_leader is not None
         at: Level = (0.0, 0.0)
         if leader != self._me:
-            found = self._filter.relative(leader)
-            if found is None or self._doubts or self._filter.has_lost(leader):
+            found = self.filter.relative(leader)
+            if found is None or self._doubts or self.filter.has_lost(leader):
                 return
             at, sd_m = found.ne_m, math.hypot(sd_m, found.sd_m)
         self._agreed.add(word.sender)
         there = (at[0] - to_leader[0], at[1] - to_leader[1])
-        known = self._filter.relative(word.sender)
+        known = self.filter.relative(word.sender)
         if known is None or math.dist(known.ne_m, there) > AGREES_M + WIDENS_SDS * sd_m:
-            self._filter.add_peer(word.sender, there, max(START_SD_M, sd_m))
+            self.filter.add_peer(word.sender, there, max(START_SD_M, sd_m))
 
     def _filter_of(self, positions: dict[int, Level], sd_m: float) -> RelativeFilter:
         """With the others there, each off by at least what positions of missions are."""
-        made = RelativeFilter()
+        made = RelativeFilter(BY_TRUNKS if self._mission.shares_trunks else Errors())
         sure = [k for k in positions if self._mission.has_satellites(k)]
         made.initialise(positions, max(START_SD_M, sd_m), sure=sure, is_sure=self._mission.has_satellites(self._me))
         return made
@@ -253,7 +253,7 @@ class RangingLocaliser:
         errors, aged_s = Errors(), self._age_s
         bias_m2 = 2.0 * errors.bias_mps**2 * errors.bias_s * aged_s
         noise_m2 = errors.velocity_mps**2 * errors.velocity_s * aged_s
-        turned_m = errors.yaw_rad * math.hypot(*self._odo_ne_m)
+        turned_m = errors.yaw_rad * math.hypot(*self.odo_ne_m)
         return math.sqrt(2.0 * (START_SD_M**2 + bias_m2 + noise_m2 + turned_m**2))
 
     def _add_range(self, one: int | None, other: int, metres: float, age_s: float, now_s: float) -> None:
@@ -268,7 +268,7 @@ class RangingLocaliser:
         if one is None and (self.is_lost or self.is_doubtful):
             self._relocaliser.add_range(other, math.sqrt(square), now_s)
         if not self.is_lost:
-            self._filter.update_range(one, other, math.sqrt(square), age_s, now_s)
+            self.filter.update_range(one, other, math.sqrt(square), age_s, now_s)
 
     # --- what comes out ---
 
@@ -277,7 +277,7 @@ class RangingLocaliser:
 
         None: not known, or it has not told its odometer for a while.
         """
-        found = None if self.is_lost else self._filter.relative(vehicle)
+        found = None if self.is_lost else self.filter.relative(vehicle)
         if vehicle not in self._down_m or self.has_lost(vehicle):
             return None
         down_m = self._down_m[vehicle] - own_down_m
@@ -290,13 +290,18 @@ class RangingLocaliser:
         near_m = min(away_m, self._own_ranges.level_m(vehicle, down_m, now_s))
         self._update_uncertain(vehicle, away_m, WIDENS_SDS * found.sd_m)
         near_m -= min(WIDENS_SDS * math.sqrt(max(0.0, var)), UNSURE_FROM * near_m)
-        rel = _turned((north, east, down_m), -self._filter.compass[0])
+        rel = _turned((north, east, down_m), -self.filter.compass[0])
         share = near_m / away_m
         return rel, (share * rel[0], share * rel[1], down_m)
 
     def scale_to_range(self, vehicle: int, rel_ned_m: Vec3, now_s: float) -> Vec3:
         """A silent vehicle's position by odometry, as near as the own radio measures: a range makes none farther."""
         return self._own_ranges.bring_near(vehicle, rel_ned_m, now_s)
+
+    def measured_m(self, vehicle: int, now_s: float, within_s: float) -> float:
+        """The level distance that the own radio measured lately; infinite: it has not."""
+        down_m = self._down_m.get(vehicle, 0.0) - self._down_m.get(self._me, 0.0)
+        return self._own_ranges.level_m(vehicle, down_m, now_s, within_s)
 
     def _dead_reckon_peer(self, vehicle: int, down_m: float, now_s: float) -> tuple[Vec3, Vec3] | None:
         """As `locate_peer`, of one that is not in the filter: as far as its range says, to where odometers have it."""
@@ -319,11 +324,11 @@ class RangingLocaliser:
 
     def has_lost(self, vehicle: int) -> bool:
         """A neighbour whose odometer was not heard for a while: nobody knows here where it has gone."""
-        return not self.is_lost and self._filter.has_lost(vehicle)
+        return not self.is_lost and self.filter.has_lost(vehicle)
 
     def rotate_beacon(self, said: Beacon) -> Beacon:
         """A neighbour's beacon, with its vectors along the own north."""
-        by_rad = self._filter.compass_of(said.sender) - self._filter.compass[0]
+        by_rad = self.filter.compass_of(said.sender) - self.filter.compass[0]
         dest, seen = said.dest_ned_m, said.sighting
         return replace(
             said,
@@ -339,19 +344,19 @@ class RangingLocaliser:
 
     def make_report(self, leader: int, time_ms: int, now_s: float, own_sd_m: float | None = None) -> RelativeReport:
         """For the next beacon. `leader`: the acting one; 0: none. `own_sd_m`: RelativeReport.position_sd_m."""
-        knows = self._begun and not self.is_lost and not self._doubts and not self._filter.has_lost(leader)
-        found = self._filter.relative(leader) if knows else None
+        knows = self._begun and not self.is_lost and not self._doubts and not self.filter.has_lost(leader)
+        found = self.filter.relative(leader) if knows else None
         ranges = self._own_ranges.take_unsent(now_s)
         to_leader = None if found is None else found.ne_m
         sd_m = 0.0 if found is None else found.sd_m
-        return RelativeReport(self._me, time_ms, self._odo_ne_m, to_leader, sd_m, ranges, own_sd_m)
+        return RelativeReport(self._me, time_ms, self.odo_ne_m, to_leader, sd_m, ranges, own_sd_m)
 
     @property
     def start_mismatch(self) -> str:
         """While this vehicle stands: what does not stand where the mission says, in words; empty: nothing is seen."""
         if self._me not in self._standing:
             return ""
-        off_m = math.hypot(*self._odo_ne_m)
+        off_m = math.hypot(*self.odo_ne_m)
         return f"{off_m:.0f} m from its start position" if off_m > AWAY_M else self._start_check.find_mismatch()
 
     def unmeasured(self, now_s: float) -> str:
@@ -376,12 +381,12 @@ class RangingLocaliser:
     @property
     def drift_ned_mps(self) -> Vec3:
         """The own velocity's error by its bias: the true one less the told one."""
-        return ZERO if self.is_lost or self._doubts else drift_of(self._filter.bias_ne_mps)
+        return ZERO if self.is_lost or self._doubts else drift_of(self.filter.bias_ne_mps)
 
     @property
     def rotation_sd_rad(self) -> float:
         """See RelativeFilter."""
-        return self._filter.rotation_sd_rad
+        return self.filter.rotation_sd_rad
 
 
 def _turned(v: Vec3, by_rad: float) -> Vec3:

@@ -3,8 +3,9 @@
 One joint filter in each vehicle over the level positions of all neighbours relative to itself. Each vehicle's odometer
 (what its autopilot integrates: LOCAL_POSITION_NED without an aid from outside) counts along the north that its compass
 believes in, and is wrong by a bias. State: for each neighbour its relative position, for each vehicle its velocity
-bias and its compass's error. Ranges between any two vehicles, own or told, and own bearings correct all of it.
-Everything is level: heights come from barometer and rangefinder, and ranges are made level before they are handed over.
+bias and its compass's error. Ranges between any two vehicles, own or told, own bearings, and trunks that two have both
+seen (`shared_trunks`) correct all of it. Everything is level: heights come from barometer and rangefinder, and ranges
+are made level before they are handed over.
 
 What cannot be seen stays uncertain: the rotation of a formation that moves as one (`rotation_sd_rad`), and the common
 error of all compasses, which nothing here can tell from a turned world.
@@ -21,19 +22,17 @@ import math
 from collections.abc import Sequence
 from typing import Final, final
 
+from companion.core.localisation.gnss_denied.constellation import Alignment, turned
 from companion.core.localisation.gnss_denied.error_state import Errors, ErrorStateCovariance, Level
-from companion.core.localisation.gnss_denied.relative_state import Relative, VehicleMean
+from companion.core.localisation.gnss_denied.relative_state import COASTS_S, Relative, VehicleMean, aligned_row
 from companion.core.model.linear_algebra import Matrix, Row
 
 EPOCH_S: Final = 0.5
-ACCELERATION_MPS2: Final = 1.0  # of a neighbour between two of its odometer readings, rms
 JUMP_M: Final = 1.5  # an odometer that jumps so far beyond what it can have flown begins anew
 FASTEST_MPS: Final = 20.0  # what is told faster is not believed
 FARTHEST_M: Final = 500.0  # the same of ranges
 OLDEST_S: Final = 1.0  # and what is told later
 WAITING_MAX: Final = 1024  # ranges of an epoch: twelve vehicles measure 660 a second
-COASTS_S: Final = 1.0  # a neighbour that tells nothing is taken to fly on for so long, then to fly as this one does
-STRAYS_MPS: Final = 1.0  # against this vehicle, from then on, rms
 SOFT: Final = 2.5  # sigmas: of an innovation that is larger the weight falls
 HARD: Final = 6.0  # one that is larger says nothing
 TRUST: Final = 2000.0  # measurements: where innovations are larger than is believed, so are the errors of ranges
@@ -57,6 +56,7 @@ class RelativeFilter:
         self.used = self.dropped = 0  # measurements
         self._squares = 0.0
         self._waiting: list[_Range] = []
+        self._aligned: dict[int, Alignment] = {}  # by neighbour: what waits for the end of the epoch
         self._trust = 1.0  # normalised innovation squared, lately
 
     # --- which are there ---
@@ -85,6 +85,7 @@ class RelativeFilter:
         if vehicle not in self._of:
             return
         slot = self.ids.index(vehicle)
+        self._aligned.pop(vehicle, None)
         del self.ids[slot], self._of[vehicle]
         self._covariance.remove_slot(slot)
 
@@ -124,15 +125,19 @@ class RelativeFilter:
             return
         # Where they were then: back along the way that their odometers have told.
         (slot_a, slot_b), a_way, b_way = slots, a.way_since(at_s), b.way_since(at_s)
-        a_n, a_e = _turned(a.yaw, a_way[0], a_way[1])
-        b_n, b_e = _turned(b.yaw, b_way[0], b_way[1])
+        a_n, a_e = turned(a.yaw, a_way[0], a_way[1])
+        b_n, b_e = turned(b.yaw, b_way[0], b_way[1])
         n_m, e_m = b.n_m - a.n_m - b_n + a_n, b.e_m - a.e_m - b_e + a_e
         apart_m = math.sqrt(n_m * n_m + e_m * e_m)
         if apart_m < 0.1:
             return
         u_n, u_e = n_m / apart_m, e_m / apart_m
         off_m = level_m - apart_m
-        var = self._errors.range_m**2 * max(1.0, self._trust) + self._coasted_m2(a, at_s) + self._coasted_m2(b, at_s)
+        var = (
+            self._errors.range_m**2 * max(1.0, self._trust)
+            + a.coasted_m2(self._errors, at_s)
+            + b.coasted_m2(self._errors, at_s)
+        )
         weight = self._weigh_innovation(off_m, var + self._covariance.range_variance(slot_a, slot_b, u_n, u_e)) / var
         if self._is_good(a, b, slots, weight, abs(off_m), now_s):
             self._covariance.add_range(slot_a, slot_b, u_n, u_e, off_m, weight)
@@ -153,10 +158,28 @@ class RelativeFilter:
         h_n, h_e = -mover.e_m / square, mover.n_m / square
         off = north_rad + self._me.yaw - math.atan2(mover.e_m, mover.n_m)
         off -= math.tau * round(off / math.tau)
-        var = self._errors.bearing_rad**2 + self._coasted_m2(mover, now_s) / square
+        var = self._errors.bearing_rad**2 + mover.coasted_m2(self._errors, now_s) / square
         weight = self._weigh_innovation(off, var + self._covariance.bearing_variance(slot, h_n, h_e)) / var
         if weight > 0.0:
             self._covariance.add_bearing(slot, h_n, h_e, off, weight)
+
+    def add_alignment(self, vehicle: int, found: Alignment) -> None:
+        """Trunks that both have seen: a known neighbour's odometer in the own. It counts with the next epoch."""
+        self._aligned[vehicle] = found
+
+    def _take_alignment(self, found: Alignment, mover: VehicleMean, slot: int) -> None:
+        """Place, then turn, if all of it is within the gate."""
+        if mover.lost:
+            return
+        joint = self._covariance
+        for is_within in (False, True):
+            for axis in range(3):
+                seen, off, variance = aligned_row(found, self._me, mover, axis, joint.indices(slot))
+                ratio2 = off * off / (variance + joint.variance_of(seen))
+                if ratio2 > HARD * HARD:
+                    return
+                if is_within:
+                    self._correct_means(joint.correct_by(seen, off, variance * max(1.0, ratio2 / (SOFT * SOFT))))
 
     def advance(self, now_s: float) -> None:
         """Bring all up to now."""
@@ -171,10 +194,17 @@ class RelativeFilter:
             self._take_ranges(now_s)
             self._propagate_covariance(since_s)
             if self._covariance.fresh:
-                self._correct_means()
+                self._correct_means(self._covariance.correct())
+            for vehicle in sorted(self._aligned):
+                self._take_alignment(self._aligned.pop(vehicle), self._of[vehicle], self.ids.index(vehicle))
             self._covariance.add_process_noise(since_s)
 
     # --- what comes out ---
+
+    def odometer_of(self, vehicle: int) -> Level | None:
+        """Up to where a neighbour's odometer is reckoned in; None: it is not known."""
+        mover = self._of.get(vehicle)
+        return None if mover is None or mover.lost or mover.told_s < 0.0 else (mover.odo_n, mover.odo_e)
 
     def has_lost(self, vehicle: int) -> bool:
         """It has told nothing for so long that it is only reckoned to have flown along."""
@@ -187,7 +217,7 @@ class RelativeFilter:
         if mover is None:
             return None
         k, turn = 2 * self.ids.index(vehicle), 2 * len(self.ids)
-        cov, coasted = self._covariance.cov, self._coasted_m2(mover, mover.heard_s)
+        cov, coasted = self._covariance.cov, mover.coasted_m2(self._errors, mover.heard_s)
         n_m, e_m, var = mover.n_m, mover.e_m, cov[turn][turn]
         with_n, with_e = cov[k][turn], cov[k + 1][turn]
         return Relative(
@@ -203,7 +233,7 @@ class RelativeFilter:
         found = self._covariance.positions(self._turning())
         for i, row in enumerate(found):
             mover = self._of[self.ids[i // 2]]
-            row[i] += self._coasted_m2(mover, mover.heard_s)
+            row[i] += mover.coasted_m2(self._errors, mover.heard_s)
         return found
 
     @property
@@ -260,7 +290,7 @@ class RelativeFilter:
                 self._covariance.inflate(slot, AFTER_JUMP_M)
                 mover.knots.clear()
             elif mover.lost:  # no way of this epoch: it would seem to show how the formation is turned
-                north, east = _turned(mover.yaw, d_n, d_e)
+                north, east = turned(mover.yaw, d_n, d_e)
                 mover.n_m, mover.e_m = mover.n_m + north, mover.e_m + east
                 self._covariance.inflate(slot, self._errors.yaw_rad * way_m)
             else:
@@ -289,14 +319,14 @@ class RelativeFilter:
 
     def _move(self, mover: VehicleMean, d_n: float, d_e: float) -> None:
         """Along its own north. Those that are lost go along with this vehicle."""
-        north, east = _turned(mover.yaw, d_n, d_e)
+        north, east = turned(mover.yaw, d_n, d_e)
         mover.went_n += north
         mover.went_e += east
         if mover is self._me:
             for vehicle in self.ids:
                 other = self._of[vehicle]
                 if other.lost:
-                    with_n, with_e = _turned(-other.yaw, north, east)
+                    with_n, with_e = turned(-other.yaw, north, east)
                     other.odo_n += with_n
                     other.odo_e += with_e
                     other.went_n += north
@@ -310,20 +340,8 @@ class RelativeFilter:
 
     def _turning(self) -> Row:
         """The way by which all positions move for each radian that the formation turns about this vehicle."""
-        turning: Row = []
-        for vehicle in self.ids:
-            mover = self._of[vehicle]
-            turning += [-mover.e_m, mover.n_m]
-        return turning
-
-    def _coasted_m2(self, mover: VehicleMean, at_s: float) -> float:
-        """Variance by its flight since its last odometer reading, at that time; the next one takes it back."""
-        if mover.told_s < 0.0:
-            return 0.0
-        gap_s = max(0.0, at_s - mover.told_s)
-        noise_m, coast_s = self._errors.velocity_mps * gap_s, min(COASTS_S, gap_s)
-        off_m = 0.5 * ACCELERATION_MPS2 * coast_s * coast_s + STRAYS_MPS * (gap_s - coast_s)
-        return noise_m * noise_m + off_m * off_m
+        movers = [self._of[vehicle] for vehicle in self.ids]
+        return [value for mover in movers for value in (-mover.e_m, mover.n_m)]
 
     # --- gates ---
 
@@ -368,9 +386,8 @@ class RelativeFilter:
             mover.yaw *= keep_yaw
             mover.went_n = mover.went_e = 0.0
 
-    def _correct_means(self) -> None:
+    def _correct_means(self, change: Row) -> None:
         joint = self._covariance
-        change = joint.correct()
         c, s = math.cos(change[2 * joint.n]), math.sin(change[2 * joint.n])
         for slot in range(-1, joint.n):
             mover = self._me if slot < 0 else self._of[self.ids[slot]]
@@ -381,8 +398,3 @@ class RelativeFilter:
             mover.bias_n += change[bias]
             mover.bias_e += change[bias + 1]
             mover.yaw += change[joint.yaw(slot)]
-
-
-def _turned(by_rad: float, north: float, east: float) -> Level:
-    c, s = math.cos(by_rad), math.sin(by_rad)
-    return c * north - s * east, s * north + c * east

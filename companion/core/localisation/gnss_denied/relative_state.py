@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Final, final
 
-from companion.core.localisation.gnss_denied.error_state import Level
+from companion.core.localisation.gnss_denied.constellation import Alignment, turned
+from companion.core.localisation.gnss_denied.error_state import Errors, Level
 from companion.core.model.vectors import ZERO
 from mission.common.frames import Vec3
 
@@ -33,6 +34,9 @@ class Relative:
         return math.sqrt(mean + math.hypot((self.var_nn_m2 - self.var_ee_m2) / 2.0, self.var_ne_m2))
 
 
+ACCELERATION_MPS2: Final = 1.0  # of a neighbour between two of its odometer readings, rms
+COASTS_S: Final = 1.0  # a neighbour that tells nothing is taken to fly on for so long, then to fly as this one does
+STRAYS_MPS: Final = 1.0  # against this vehicle, from then on, rms
 BIAS_MAX_MPS: Final = 0.15  # of what is believed of it: three standard deviations
 KNOTS_MAX: Final = 24  # of an odometer that tells each tick more than a second
 KNOT_S: Final = 0.045  # between two: a tick, nearly
@@ -88,6 +92,15 @@ class VehicleMean:
         odo_n, odo_e = self._odometer(at_s)
         return (self.odo_n - odo_n - self.bias_n * since_s, self.odo_e - odo_e - self.bias_e * since_s)
 
+    def coasted_m2(self, errors: Errors, at_s: float) -> float:
+        """Variance by its flight since its last odometer reading, at that time; the next one takes it back."""
+        if self.told_s < 0.0:
+            return 0.0
+        gap_s = max(0.0, at_s - self.told_s)
+        noise_m, coast_s = errors.velocity_mps * gap_s, min(COASTS_S, gap_s)
+        off_m = 0.5 * ACCELERATION_MPS2 * coast_s * coast_s + STRAYS_MPS * (gap_s - coast_s)
+        return noise_m * noise_m + off_m * off_m
+
     def _odometer(self, at_s: float) -> Level:
         after = self.knots[-1]
         if at_s >= after[0]:
@@ -110,3 +123,25 @@ def drift_of(bias_ne_mps: Level) -> Vec3:
         return ZERO
     share = min(1.0, BIAS_MAX_MPS / size)
     return (-share * north, -share * east, 0.0)
+
+
+def aligned_row(
+    found: Alignment, me: VehicleMean, mover: VehicleMean, axis: int, states: tuple[int, int, int, int]
+) -> tuple[list[tuple[int, float]], float, float]:
+    """A neighbour's aligned place north (axis 0) or east (1), or its turn (2), as a measurement.
+
+    The states by which it moves (`states`: `ErrorStateCovariance.indices`) with the factors; by how much it is more
+    than thought; its variance.
+    """
+    north, turn, its_yaw, own_yaw = states
+    if axis == 2:
+        off_rad = math.remainder(found.turn_rad - mover.yaw + me.yaw, math.tau)
+        return [(its_yaw, 1.0), (own_yaw, -1.0)], off_rad, found.turn_sd_rad * found.turn_sd_rad
+    here = turned(me.yaw, found.here[0] - me.odo_n, found.here[1] - me.odo_e)
+    there = turned(mover.yaw, found.there[0] - mover.odo_n, found.there[1] - mover.odo_e)
+    thought = (mover.n_m, mover.e_m)
+    # A radian clockwise moves what is north to the east, and what is east to the south
+    sign, other = (-1.0, 1) if axis == 0 else (1.0, 0)
+    seen = [(north + axis, 1.0), (turn, sign * thought[other]), (its_yaw, sign * there[other])]
+    seen.append((own_yaw, -sign * here[other]))
+    return seen, here[axis] - there[axis] - thought[axis], found.position_sd_m * found.position_sd_m

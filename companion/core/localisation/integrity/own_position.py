@@ -105,7 +105,12 @@ class OwnPosition:
             self._hold_fix(gated, now_s, goes_on=goes_on)
         is_true = self._astray is None and gated is told
         self.off_ned_m = ZERO if is_true else sub(seen.pos_ned_m, told.pos_ned_m)
-        return localiser.receive_position(seen, now_s, airborne=airborne)
+        flown = localiser.receive_position(seen, now_s, airborne=airborne)
+        if airborne and localiser.is_due_for_trunks(now_s):
+            trunks = self._perception.find_solitary_trunks(seen, now_s)
+            if trunks is not None:
+                localiser.note_trunks(trunks, now_s)
+        return flown
 
     def _hold_fix(self, reported: Position, now_s: float, *, goes_on: bool) -> None:
         """Against the way that trunks tell, or its own velocity. `goes_on`: of that way nothing is missing."""
@@ -228,4 +233,4 @@ class OwnPosition:
         """A beacon, to which the codec adds the reported position."""
         if self.off_ned_m == ZERO:
             return sent
-        return SendBeacon(sent.beacon, sent.word, sent.pos_ned_m, self.off_ned_m)
+        return SendBeacon(sent.beacon, sent.word, sent.pos_ned_m, self.off_ned_m, sent.trunks)

@@ -11,6 +11,8 @@ RAYS_MAX: Final = 112  # of a lidar in a message: 253 bytes of MAVLink's 255
 ENTRY_BYTES: Final = 21  # of a vector: vehicle, log, four numbers of three bytes, a bitmap of four
 ENTRIES_MAX: Final = 11  # in a message; more logs are more messages
 BODY_MAX: Final = 236  # bytes of a record: with it the message is 255, all that MAVLink carries in a frame
+TRUNKS_MAX: Final = 12  # in a message
+TRUNK_BYTES: Final = 5
 HOW_TO: Final = "[fly with GNSS on the leader alone](../how-to/fly-gnss-denied.md)"
 
 RANGES: Final = Message(
@@ -128,6 +130,47 @@ RELATIVE: Final = Message(
             Value("ranges", kind="tuple[RangeTo, ...]", note="that it measured since its last beacon", default="()"),
             pack="pack_ranges({})",
             unpack="unpack_ranges({})",
+        ),
+    ),
+)
+
+TRUNKS: Final = Message(
+    id=52110,
+    name="SWARM_TRUNKS",
+    meaning="Once a second behind a SWARM_BEACON, in a swarm of which not all have satellite positions and whose "
+    "vehicles carry raw lidars: trunks about the sender, by which others that have seen them find its place and turn.",
+    see="[trunks shared between vehicles](../explanation/own-motion.md#shared-trunks)",
+    value="TrunkReport",
+    about="SWARM_TRUNKS: solitary trunks about its sender. North: of the sender's odometry.",
+    by_place=("sender", "time_ms", "odo_ne_m", "trunks"),
+    header=(Value("sender"),),
+    fields=(
+        field(
+            "time_boot_ms",
+            "uint32_t",
+            "That of the beacon before it.",
+            Value("time_ms", note="of its beacon"),
+            unit="ms",
+            pack="{} & 0xFFFFFFFF",
+        ),
+        field(
+            "odo_n",
+            "float",
+            "How far the sender's odometer has come from its start, as in SWARM_RELATIVE, north.",
+            Value("odo_ne_m[0]", kind="tuple[float, float]", note="as its odometer has come, when these were about it"),
+            unit="m",
+            least=-FURTHEST_M,
+            most=FURTHEST_M,
+        ),
+        field("odo_e", "float", "The same, east.", Value("odo_ne_m[1]"), unit="m", least=-FURTHEST_M, most=FURTHEST_M),
+        field(
+            "trunks",
+            f"uint8_t[{TRUNK_BYTES * TRUNKS_MAX}]",
+            "The nearest first, groups of five bytes: the trunk's axis from the sender in centimetres, north and east "
+            "along the axes of its odometer (each an int16, low byte first), and its diameter in cm (0: none).",
+            Value("trunks", kind="tuple[ToldTrunk, ...]", note="the nearest first"),
+            pack="pack_trunks({})",
+            unpack="unpack_trunks({})",
         ),
     ),
 )

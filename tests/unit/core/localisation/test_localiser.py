@@ -183,7 +183,7 @@ def test_reports_that_come_together_each_go_with_their_beacon() -> None:
     for k in (1, 0, 2):
         localiser.receive_beacon(heard_beacon(2, time_ms=1000 + 100 * k), HERE, 1.0)
     assert localiser._reports[2] == []
-    assert localiser.ranging._filter._of[2].odo_n == pytest.approx(0.2)
+    assert localiser.ranging.filter._of[2].odo_n == pytest.approx(0.2)
 
 
 def test_of_reports_whose_beacons_never_come_few_are_kept() -> None:

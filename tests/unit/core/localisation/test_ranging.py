@@ -152,13 +152,13 @@ def test_ranges_are_slant_and_steep_ones_say_nothing() -> None:
     assert place is not None
     assert math.dist(place[0], flight.rel(OTHER)) < 0.3
     assert place[0][2] == pytest.approx(-4.0)
-    waiting = len(flight.here._filter._waiting)
+    waiting = len(flight.here.filter._waiting)
     flight.here.receive_ranges(((3, 8.0, 0.0),), flight.now_s)
-    assert len(flight.here._filter._waiting) == waiting + 1
+    assert len(flight.here.filter._waiting) == waiting + 1
     flight.down_m[3] = -30.0
     flight.here.receive_report(RelativeReport(3, 1, (0.0, 0.0)), (0.0, 0.0, 0.0), -30.0, flight.now_s)
     flight.here.receive_ranges(((3, 27.0, 0.0),), flight.now_s)
-    assert len(flight.here._filter._waiting) == waiting + 1
+    assert len(flight.here.filter._waiting) == waiting + 1
 
 
 def test_of_each_pair_one_tells_the_range() -> None:

@@ -201,9 +201,9 @@ def test_one_that_was_not_heard_when_the_others_were_found_is_placed_by_its_own_
     among = Among()
     among.run(4.0)
     ranging = among.ranging
-    ranging._filter.remove_peer(2)
+    ranging.filter.remove_peer(2)
     among.run(0.2)
-    assert 2 in ranging._filter.ids
+    assert 2 in ranging.filter.ids
     assert among.worst_m < 0.5
 
 
@@ -233,11 +233,11 @@ def test_one_that_has_lost_the_leader_does_not_tell_where_it_is_nor_place_others
     among.tells = False
     among.run(0.2)
     among.tells = True
-    among.ranging._filter._of[LEADER].n_m += 40.0  # it has flown on
+    among.ranging.filter._of[LEADER].n_m += 40.0  # it has flown on
     among.ranges_reach = False
-    known = among.ranging._filter.relative(2)
+    known = among.ranging.filter.relative(2)
     among.run(0.2)
-    found = among.ranging._filter.relative(2)
+    found = among.ranging.filter.relative(2)
     assert known is not None
     assert found is not None
     assert math.dist(found.ne_m, known.ne_m) < 0.5

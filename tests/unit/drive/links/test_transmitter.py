@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 
-from companion.core.model.beacon import RelativeReport
+from companion.core.model.beacon import RelativeReport, TrunkReport
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
 from companion.mavlink.codec import Codec
 from companion.mavlink.framing import wire
-from companion.mavlink.own_messages import encode_relative_report
-from companion.mavlink.relative import RELATIVE_ID
+from companion.mavlink.own_messages import encode_relative_report, encode_trunk_report
+from companion.mavlink.relative import RELATIVE_ID, TRUNKS_ID
 from companion.records.frames import RECORD_ID, encode_record
 from companion.records.record import Record, RecordKind
 from mission.common.frames import LocalFrame, Vec3, Wgs84
@@ -52,6 +52,24 @@ def test_a_beacon_goes_on_the_air_as_it_is() -> None:
     sent = frame(1)
     assert companions.send(1, sent, 0.0) == (sent,)
     assert [air.deliver(k, 0.0) for k in CLOSE] == [b"", sent, sent]
+
+
+def test_trunks_go_on_the_air_by_themselves_and_in_the_own_name_alone() -> None:
+    air, companions = on_air()
+    told = [
+        wire.frame(
+            TRUNKS_ID,
+            encode_trunk_report(TrunkReport(sender, 1000, (0.0, 0.0), ((1.0, 2.0, 0.3),))),
+            seq=0,
+            system=sender,
+            component=swarm_beacon.COMPONENT,
+        )
+        for sender in (1, 2)
+    ]
+    companions.send(1, told[0], 0.0)
+    companions.send(1, told[1], 0.0)
+    assert [air.deliver(k, 0.0) for k in CLOSE] == [b"", told[0], told[0]]
+    assert companions.refused == 1
 
 
 def test_each_radio_is_set_to_the_range_that_its_beacon_announces_before_the_beacon_is_sent() -> None:
