@@ -34,6 +34,7 @@ CORE = ROOT / "companion" / "core"
 SPEAK = (
     *(
         "agent",
+        "rise/rise",
         "vehicle/flight",
         "localisation/silence_reports",
         "localisation/gnss_denied/localiser",

@@ -9,7 +9,7 @@ as all, below `fence.altitude_max_m`, but for as long as this stage tells it of 
 from __future__ import annotations
 
 import math
-from enum import Enum
+from enum import Enum, auto
 from typing import Final, final
 
 from companion.core.guidance.guidance_input import Desired
@@ -50,10 +50,10 @@ OUTWARD = (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE)
 class Stage(Enum):
     """Stages of a rise."""
 
-    RESTS = "at rest"
-    APPROACHES = "on its way to the column"
-    RISES = "on its way up, or up"
-    DESCENDS = "on its way down"
+    RESTS = auto()
+    APPROACHES = auto()  # on its way to the column
+    RISES = auto()  # or up
+    DESCENDS = auto()
 
 
 class Rise:
