@@ -268,7 +268,10 @@ def _add_stand(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     stand.add_argument(
-        "records", metavar="RECORDS", help="store of records (SQLite) of the vehicles or the base station"
+        "records",
+        nargs="+",
+        metavar="RECORDS",
+        help="stores of records (SQLite), the base station's or vehicles': each record counts once",
     )
     stand.add_argument("--mission", required=True, metavar="FILE", help="mission file (TOML) that was flown")
     stand.add_argument("--out", required=True, metavar="DIR", help="folder for the files; it is made")

@@ -1,4 +1,4 @@
-"""`companion stand`: a stand's files and report from a store of records."""
+"""`companion stand`: a stand's files and report from stores of records."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from companion.cloud.returns_reader import ReturnsFileError
 from companion.stand.fusion.fuse import TooManyError
 from companion.stand.products.write import describe_products, write_products
-from companion.stand.records import RecordsError, count_set_apart, read_records
+from companion.stand.records import RecordsError, check_mission, count_set_apart, read_stores
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
 from mission.common.problems import MissionError
 from mission.document.load import load_mission
@@ -23,14 +23,19 @@ def stand(arguments: argparse.Namespace) -> int:
         return EXIT_ENVIRONMENT
     try:
         mission = load_mission(arguments.mission)
-        records = read_records(Path(arguments.records))
+        stores, clouds = [Path(file) for file in arguments.records], [Path(file) for file in arguments.cloud]
+        records = read_stores(stores)
+        doubts = [doubt for store in stores if (doubt := check_mission(store, mission))]
+        for file in clouds:
+            if not file.is_file() or clouds.count(file) > 1:
+                raise ReturnsFileError(f"{file}: {'given twice' if file.is_file() else 'no such file'}")
         out = Path(arguments.out)
         written = write_products(records, mission, out, form_height_m=arguments.form_height_m)
         lines = [*(f"wrote {file}" for file in written.files), describe_products(written)]
         if arguments.cloud:
             from companion.stand.cloud.write import describe_cloud, write_cloud  # laspy
 
-            cloud = write_cloud([Path(file) for file in arguments.cloud], written, mission, out)
+            cloud = write_cloud(clouds, written, mission, out)
             lines += [f"wrote {cloud.file}", describe_cloud(cloud)]
     except (MissionError, RecordsError, TooManyError, ReturnsFileError) as error:
         print(error, file=sys.stderr)
@@ -38,8 +43,8 @@ def stand(arguments: argparse.Namespace) -> int:
     except OSError as error:
         print(f"companion: {error}", file=sys.stderr)
         return EXIT_ENVIRONMENT
-    print("\n".join(lines))
-    apart = count_set_apart(Path(arguments.records))
+    print("\n".join([*lines, *doubts]))
+    apart = sum(count_set_apart(store) for store in stores)
     if apart:
         print(f"left out: {apart} records that were there before the swarm had keys, and that nobody has signed")
     return EXIT_DONE

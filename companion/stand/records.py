@@ -11,8 +11,10 @@ from statistics import median
 from typing import Final, NamedTuple, Protocol
 
 from companion.payload.sample import PAYLOAD_KIND, PayloadSample, decode_sample
+from companion.records.signed.keys import mission_hash
 from companion.survey.observation import STEM_KIND, StemObservation, decode
 from companion.survey.track import TRACK_KIND, TrackPoint, decode_track
+from mission.document.model import Mission
 
 MAX_RECORDS: Final = 250_000  # 12 vehicles for an hour: 21,600 of the track, and 19 observations of each of 5,000 stems
 ASTRAY_M: Final = 3_000.0  # from the median of all positions: no swarm surveys so far apart
@@ -135,6 +137,27 @@ class RecordsError(Exception):
     """A file that holds no records; the message names it."""
 
 
+def check_mission(path: Path, mission: Mission) -> str:
+    """That a store holds the records of this mission: RecordsError where it holds another's; else what cannot be told.
+
+    A mission without an origin may have been flown with one, as the simulator does.
+    """
+    try:
+        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as database:
+            found = database.execute("SELECT value FROM meta WHERE name = 'mission_hash'").fetchone()
+    except sqlite3.Error:
+        return ""  # as it was before stores had one
+    if found is None or found[0] == mission_hash(mission):
+        return ""
+    if mission.origin is None:
+        return (
+            "whether these are records of this mission cannot be told: it has no [origin], and they were made with one"
+        )
+    raise RecordsError(
+        f"{path}: holds the records of another mission: the name, or [origin], of this one ({mission.name!r}) differs"
+    )
+
+
 def read_records(path: Path) -> list[StoredRecord]:
     """All records of the store in `path`. RecordsError: it cannot be read."""
     if not path.is_file():
@@ -165,6 +188,19 @@ def read_records(path: Path) -> list[StoredRecord]:
         if not (is_whole and isinstance(record.body, bytes)):
             raise RecordsError(f"{path}: record {record[:3]} is no record")
     return found
+
+
+def read_stores(paths: Sequence[Path]) -> list[StoredRecord]:
+    """The records of several stores, each once; of two that are alike the one that its writer has signed."""
+    found: dict[Key, StoredRecord] = {}
+    for path in paths:
+        for record in read_records(path):
+            key = (record.vehicle_id, record.log_id, record.number)
+            if key not in found or record.proven:
+                found[key] = record
+    if len(found) > MAX_RECORDS:
+        raise RecordsError(f"{', '.join(map(str, paths))}: hold more than {MAX_RECORDS} records")
+    return list(found.values())
 
 
 def count_set_apart(path: Path) -> int:

@@ -74,7 +74,7 @@ def test_vehicles_that_share_trunks_know_better_where_the_others_are(
 
 def test_it_is_the_same_flight_to_the_bit_in_one_process_and_in_many(tmp_path: Path) -> None:
     """Trunks go through sockets, too."""
-    mission = among_trees(sim={"time_limit_s": 25.0})
+    mission = among_trees(sim={"time_limit_s": 30.0})
     one, _ = flown(mission, tmp_path / "one")
     many, shown = flown(mission, tmp_path / "many", in_process=False)
     assert one.summary["trace_hash"] == many.summary["trace_hash"], shown

@@ -112,6 +112,20 @@ def test_the_command_writes_the_cloud_beside_the_rest(tmp_path: Path, capsys: py
     assert not [vlr for vlr in las.header.vlrs if vlr.record_id == 2112]
 
 
+def test_files_of_returns_are_looked_at_before_anything_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("laspy")
+    database = stored(surveyed()[0], tmp_path / "base.db")
+    (tmp_path / "m.toml").write_text(TEXT)
+    (tmp_path / "one.returns").touch()
+    call = ["stand", str(database), "--mission", str(tmp_path / "m.toml"), "--out", str(tmp_path / "out"), "--cloud"]
+    for names, why in ((["one", "one"], "given twice"), (["none"], "no such file")):
+        assert main([*call, *(str(tmp_path / f"{name}.returns") for name in names)]) == 2
+        assert f"{names[0]}.returns: {why}" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_file_that_holds_no_returns_is_refused_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("laspy")
     database = stored(surveyed()[0], tmp_path / "base.db")

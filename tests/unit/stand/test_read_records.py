@@ -10,10 +10,12 @@ import pytest
 
 from companion.cli import main
 from companion.records.record import BASE_ID, Record, RecordKind
+from companion.records.signed.keys import mission_hash
 from companion.records.store import Batch, RecordStore
 from companion.stand import records as records_module
 from companion.stand.products.write import write_products
-from companion.stand.records import RecordsError, StoredRecord, read_records
+from companion.stand.records import RecordsError, StoredRecord, read_records, read_stores
+from mission.document.load import dump_mission
 from tests.unit.records.signed_kit import keys_of
 from tests.unit.stand.test_products import ORIGIN, TEXT, mission, stored
 
@@ -62,6 +64,40 @@ def test_a_database_of_something_else_is_refused_by_its_name(
     assert main(["stand", str(tmp_path / "mine.gpkg"), *arguments]) == 2
     assert f"{tmp_path / 'mine.gpkg'}: " in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_records_of_another_mission_are_refused_and_of_one_without_an_origin_doubted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flown = mission(origin=ORIGIN)
+    RecordStore(tmp_path / "base.db", BASE_ID, lambda: 7, mission_hash=mission_hash(flown)).close()
+    moved = ORIGIN | {"lat_deg": -ORIGIN["lat_deg"]}
+    for name, other, code in (("flown", flown, 0), ("open", mission(), 0), ("moved", mission(origin=moved), 2)):
+        file = tmp_path / f"{name}.toml"
+        file.write_text(dump_mission(other))
+        assert main(["stand", str(tmp_path / "base.db"), "--mission", str(file), "--out", str(tmp_path / name)]) == code
+        said = capsys.readouterr()
+        assert ("cannot be told: it has no [origin]" in said.out) == (name == "open")
+        assert ("base.db: holds the records of another mission" in said.err) == (name == "moved")
+        assert (tmp_path / name).exists() == (code == 0)
+
+
+def test_stores_are_joined_each_record_once(tmp_path: Path) -> None:
+    made = [StoredRecord(vehicle, 7, number, 1, 0.5, b"body") for vehicle in (1, 2) for number in (1, 2, 3)]
+    stores = [stored(made[first:last], tmp_path / f"{first}.db") for first, last in ((0, 4), (2, 6))]
+    assert sorted(read_stores(stores)) == made
+    assert sorted(read_stores([*stores, *stores])) == made
+
+
+def test_a_record_that_is_signed_in_one_store_is_proven(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = StoredRecord(1, 7, 1, 1, 0.5, b"body")
+    held = {tmp_path / "a.db": [plain], tmp_path / "b.db": [plain._replace(proven=True)]}
+    monkeypatch.setattr(records_module, "read_records", held.__getitem__)
+    assert [record.proven for record in read_stores([*held])] == [True]
+    assert [record.proven for record in read_stores([*held][::-1])] == [True]
+    monkeypatch.setattr(records_module, "MAX_RECORDS", 0)
+    with pytest.raises(RecordsError, match="hold more than 0 records"):
+        read_stores([*held])
 
 
 def test_a_store_without_records_yet_is_no_foreign_one(tmp_path: Path) -> None:
