@@ -138,7 +138,7 @@ class RecordsError(Exception):
 
 
 def check_mission(path: Path, mission: Mission) -> str:
-    """That a store holds the records of this mission: RecordsError where it holds another's; else what cannot be told.
+    """Check that a store holds the records of this mission (RecordsError); the doubt that is left, in words, or "".
 
     A mission without an origin may have been flown with one, as the simulator does.
     """
