@@ -1,8 +1,8 @@
 """Trunks shared between vehicles: the own ones remembered and told, and what those that neighbours tell align to.
 
 Remembered are solitary trunks of the ground flown lately, in the frame of the own scan odometry. What neighbours tell
-is a measurement of where they are, no more: it is dropped where the own radio measures them nearer, and weighed
-against the relative filter's own uncertainty. How near a neighbour may be follows from own ranges as before.
+is a measurement of where they are, no more: it is dropped where the own radio measures them nearer, or not at all, and
+weighed against the relative filter's own uncertainty. How near a neighbour may be follows from own ranges as before.
 """
 
 from __future__ import annotations
@@ -143,8 +143,10 @@ class SharedTrunks:
         found = align(self._join(report), known, prior.place, prior.turn_rad, is_wide=prior.sd_m > WIDE_M)
         if found is None:
             return None
-        # What others say makes no neighbour farther than the own radio measures it: ranges come late, never early
-        if math.hypot(*found.place(prior.moved)) > ranging.measured_m(sender, now_s, RANGE_S) + BEYOND_RANGE_M:
+        # What others say makes no neighbour farther than the own radio measures it (ranges come late, never early), and
+        # places none that it does not measure: where the sender is among its trunks is its word alone
+        measured_m = ranging.measured_m(sender, now_s, RANGE_S)
+        if measured_m == math.inf or math.hypot(*found.place(prior.moved)) > measured_m + BEYOND_RANGE_M:
             return None
         odo = report.odo_ne_m
         placed = Alignment(

@@ -209,6 +209,16 @@ def test_a_liar_moves_nobody_farther_than_the_own_radio_measures() -> None:
         assert math.hypot(*located[1][:2]) <= range_m + 1e-6  # which is what is kept clear of
 
 
+def test_one_that_the_own_radio_does_not_measure_is_placed_by_no_trunks() -> None:
+    """Where it is among its trunks is its word alone."""
+    flight = Hover({})
+    flight.hover(10.0, None)
+    flight.hover(3.0, flight.told(), measures=False)
+    assert flight.measured == 0
+    flight.hover(5.0, flight.told())
+    assert flight.measured > 0
+
+
 def test_a_neighbour_that_is_not_known_well_is_not_searched_for() -> None:
     flight = Hover({})
     flight.here.filter.add_peer(OTHER, (0.0, 8.0), 4.0)
