@@ -227,18 +227,7 @@ def _from_tree_m(rel_ned_m: Vec3, dest_ned_m: Vec3, *, ring: bool) -> float:
 def _level(neighbour: Neighbour) -> Neighbour:
     """The same neighbour as if at this vehicle's own height."""
     rel = neighbour.rel_ned_m
-    level = (rel[0], rel[1], 0.0)
-    return Neighbour(
-        neighbour.beacon,
-        level,
-        neighbour.dest_ned_m,
-        neighbour.age_s,
-        neighbour.vel_ned_mps,
-        norm(level),
-        neighbour.late_s,
-        neighbour.share,
-        neighbour.is_overdue,
-    )
+    return neighbour.at((rel[0], rel[1], 0.0), neighbour.dest_ned_m)
 
 
 def build_planner(mission: Mission) -> LocalPlanner:
