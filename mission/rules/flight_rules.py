@@ -229,8 +229,9 @@ def _fault_needs(mission: MissionTables, fault: Fault, path: Path) -> Iterator[C
         if without:
             message = f"{fault.kind.value} of vehicle {without[0]} {need.value}"
             yield Conflict(((*path, "vehicles"), ("swarm", "gnss")), shown(fault.vehicles), message)
-    elif (need is Needs.SENSING and mission.sensing is None) or (need is Needs.RANGING and mission.ranging is None):
-        where: Path = ("sensing",) if need is Needs.SENSING else ("ranging",)
+    there = {Needs.SENSING: mission.sensing, Needs.RANGING: mission.ranging, Needs.RECORDS: mission.keeps_records}
+    if not there.get(need, True):
+        where: Path = ("survey" if need is Needs.RECORDS else need.name.lower(),)
         yield Conflict(((*path, "kind"), where), shown(fault.kind.value), need.value)
 
 

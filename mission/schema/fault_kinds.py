@@ -26,6 +26,7 @@ class Needs(Enum):
     NOTHING = ""
     SENSING = "needs [sensing]: without it no vehicle has an obstacle sensor"
     RANGING = "needs [ranging]: without it no vehicle has a range radio"
+    RECORDS = "needs [survey] or [payload]: without records there is no base station"
     SATELLITES = "is of satellites, which by swarm.gnss it does not have"
 
 
@@ -86,6 +87,7 @@ FORMS: Final = {
         "the companion is suspended (SIGSTOP); what comes meanwhile waits in its sockets", lasts=Lasts.ALWAYS
     ),
     FaultKind.PARTITION: FaultForm("these vehicles and the others do not hear one another", lasts=Lasts.ALWAYS),
+    FaultKind.BASE_LOST: FaultForm("these vehicles and the base station do not hear one another", needs=Needs.RECORDS),
     FaultKind.LATE: FaultForm("what the autopilot reports to its companion comes late_s later, in order", ("late_s",)),
     FaultKind.BLIND: FaultForm("the obstacle sensor sends its companion nothing", needs=Needs.SENSING),
     FaultKind.WIND: FaultForm(

@@ -30,6 +30,7 @@ class FaultKind(StrEnum):
     RESTART = "restart"  # the same, and another one is started later
     STOP = "stop"  # the companion is suspended (SIGSTOP); what comes meanwhile waits in its sockets
     PARTITION = "partition"  # the vehicles named and all others do not hear one another
+    BASE_LOST = "base-lost"  # the vehicles named and the base station do not hear one another
     LATE = "late"  # what the autopilot reports to its companion comes late, in order
     BLIND = "blind"  # the obstacle sensor sends its companion nothing
     WIND = "wind"  # the air about these vehicles moves otherwise than sim.wind_mps says

@@ -7,11 +7,13 @@ import math
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
+from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from companion.core.model.states import SwarmPhase
+from companion.records.record import BASE_ID
 from mission.cli.main import EXIT_BAD_FILE
 from mission.common.problems import printable
 from mission.document.model import Mission
@@ -153,6 +155,12 @@ class Faults:
     def cut_off(self) -> tuple[frozenset[int], ...]:
         """Groups of vehicles whose radios reach only one another."""
         return tuple(frozenset(event.vehicles) for event in self._of(FaultKind.PARTITION))
+
+    @property
+    def cut_links(self) -> frozenset[tuple[int, int]]:
+        """Sender and receiver of each link between a vehicle and the base station that is cut."""
+        apart = [k for event in self._of(FaultKind.BASE_LOST) for k in event.vehicles]
+        return frozenset(chain([(k, BASE_ID) for k in apart], [(BASE_ID, k) for k in apart]))
 
     @property
     def late_s(self) -> dict[int, float]:

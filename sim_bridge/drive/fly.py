@@ -207,7 +207,7 @@ class Flight:
         self.lockstep.set_attackers(self.faults.lies, self.faults.in_force(FaultKind.OUTSIDER))
         for kind in {event.kind: None for event in (*began, *ended)}:
             strike(self.world, kind, self.faults.in_force(kind))
-        self.world.radio.cut_off = self.faults.cut_off
+        self.world.radio.cut_off, self.world.radio.cut_links = self.faults.cut_off, self.faults.cut_links
         full = frozenset(self.faults.in_force(FaultKind.DISK_FULL))
         for vehicle_id in (full ^ self._full).intersection(self.lockstep.companions):
             self.lockstep.companions[vehicle_id].fill_disk(full=vehicle_id in full)

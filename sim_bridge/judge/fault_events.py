@@ -20,6 +20,7 @@ WORDS: Final = {
     FaultKind.RESTART: ("{which} killed, started again after {for_s:g} s", "{which} started again"),
     FaultKind.STOP: ("{which} stopped{lasts}", "{which} resumes"),
     FaultKind.PARTITION: ("{which} cut off from the others{lasts}", "{which} reconnected"),
+    FaultKind.BASE_LOST: ("{which} and the base station apart{lasts}", "{which} and the base station in reach again"),
     FaultKind.LATE: ("telemetry of {which} {late_s:g} s late{lasts}", "telemetry of {which} on time again"),
     FaultKind.BLIND: ("{which} blind{lasts}", "{which} sees again"),
     FaultKind.WIND: (

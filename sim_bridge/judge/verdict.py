@@ -44,6 +44,7 @@ SEPARATION_TOLERANCE_M = 0.1  # the safety filter commands velocities: an airfra
 FENCE_TOLERANCE_M = 1.0  # what an autopilot's estimate of its position may be wrong by
 UNHEARD_S = 5.0  # after two hear each other again, until they may be asked to keep their distance
 LEADERS_TOGETHER_S = 2.0  # until two that come into reach have heard each other, over some links that lose beacons
+HARMLESS = (FaultKind.OUTSIDER, FaultKind.BASE_LOST)  # no vehicle is to fly otherwise for them
 LOSSES = (FaultKind.KILL, FaultKind.MOTOR, FaultKind.DISK_FULL)  # nothing mends them, and the others go on
 RECOVERY_S = 30.0  # after a fault is over, until the swarm may be asked for what it does
 SMALL_BATTERY_MAH = 2000.0  # a vehicle that is given less than this may land by its autopilot's battery failsafe
@@ -144,7 +145,7 @@ class _Struck:
 
 
 def _struck(faults: Sequence[FaultEvent], mission: Mission, n: int, end_s: float) -> _Struck:
-    faults = [fault for fault in faults if fault.kind is not FaultKind.OUTSIDER]
+    faults = [fault for fault in faults if fault.kind not in HARMLESS]
     struck = {k for k, capacity_mah in mission.sim.battery_mah.items() if capacity_mah < SMALL_BATTERY_MAH}
     struck |= {k for fault in faults for k in fault.vehicles if fault.kind is not FaultKind.PARTITION}
     for fault in faults:

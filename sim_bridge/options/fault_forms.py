@@ -14,6 +14,7 @@ _ROWS = {
     FaultKind.RESTART: ("", "2@30:1", "a companion is killed, and started again after so long"),
     FaultKind.STOP: ("", "2@30:3", "a companion is stopped for so long"),
     FaultKind.PARTITION: ("", "1,2,3@60:100", "for so long, these and the others do not hear one another"),
+    FaultKind.BASE_LOST: ("", "1,2,3@60:100", "these and the base station do not hear one another"),
     FaultKind.LATE: (":LATE", "2@40:1.5", "an autopilot's telemetry arrives LATE seconds later, in order"),
     FaultKind.BLIND: ("", "2@40:1.5", "an obstacle sensor sends nothing"),
     FaultKind.WIND: (":EAST:NORTH", "1,2,3@40:4:-3", "the air about vehicles moves to the east and north, m/s"),

@@ -44,6 +44,7 @@ class Radio:
         `bit_rate_kbps`: of the one channel that all share, wherever they are; None: a frame takes no time on the air.
         """
         self.cut_off: tuple[frozenset[int], ...] = ()  # groups of ids whose radios reach only one another
+        self.cut_links: frozenset[tuple[int, int]] = frozenset()  # sender and receiver of each link that is cut besides
         self._ranges_m = [range_m] * MAX_RECEIVERS
         self._loss = loss
         self._delay_s = delay_s
@@ -110,6 +111,7 @@ class Radio:
             if (
                 (losses is not None and losses[receiver] < self._loss)
                 or (self.cut_off and any((sender in group) is not (receiver in group) for group in self.cut_off))
+                or (self.cut_links and (sender, receiver) in self.cut_links)
                 or (self._share is not None and self._hidden(sender, receiver, distance_m))
             ):
                 self._missed[receiver] += not aside

@@ -77,9 +77,9 @@ def test_a_damaged_file_is_refused_by_its_name(text: str, tmp_path: Path) -> Non
     [
         (
             ("kill", "hug"),
-            '[0].kind = "hug": must be one of kill, restart, stop, partition, late, blind, wind, gnss-outage, '
-            "gnss-drift, position-jump, position-freeze, position-drift, height-error, motor, scan-errors, "
-            "range-errors, pilot, disk-full, insider, outsider",
+            '[0].kind = "hug": must be one of kill, restart, stop, partition, base-lost, late, blind, wind, '
+            "gnss-outage, gnss-drift, position-jump, position-freeze, position-drift, height-error, motor, "
+            "scan-errors, range-errors, pilot, disk-full, insider, outsider",
         ),
         (("kill", "late"), "[0].late_s = null: must be a number, 0 to 10"),
         (("kill", "gnss-drift"), "[0] has no drift_mps"),

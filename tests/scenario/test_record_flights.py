@@ -32,9 +32,8 @@ def surveying(n: int = 4, *, has_survey: bool = True, **tables: dict[str, Any]) 
     sim = {"seed": SEED, **tables.pop("sim", {})}
     route = {"at_end": "return", **tables.pop("route", {})}
     senses = {"sensor": "scan-1deg", "range_m": 12.0}  # it finds nothing to measure: its records are of the way
-    mission = short_mission(swarm={"size": n}, route=route, sim=sim, sensing=senses, **tables)
     survey: dict[str, Any] = {"survey": {}} if has_survey else {}
-    return Mission.model_validate({**mission.model_dump(by_alias=True), **survey})
+    return short_mission(swarm={"size": n}, route=route, sim=sim, sensing=senses, **survey, **tables)
 
 
 def bodies_at_base(folder: Path) -> list[bytes]:
@@ -132,6 +131,34 @@ def test_a_full_disk_is_said_once_and_changes_nothing_of_the_flight(tmp_path: Pa
     there, here = (run_folder.load(tmp_path / name) for name in ("well", "full"))
     ticks = min(there.time_s.size, here.time_s.size)
     assert np.array_equal(there.pos_ned_m[:ticks], here.pos_ned_m[:ticks])
+
+
+def test_without_the_base_station_the_flight_is_the_same_and_records_come_later(tmp_path: Path) -> None:
+    lost = {"kind": "base-lost", "vehicles": [1, 2, 3, 4], "phase": "gather", "at_s": 1.0}
+    seen: list[int] = []
+
+    def note(flight: Flight) -> None:
+        maker(flight)
+        if flight.faults.cut_links:
+            assert flight.harvest is not None
+            seen.append(flight.harvest.base.progress.delivered)
+
+    flights = {}
+    for name, faults in (("back", [{**lost, "for_s": 30.0}]), ("gone", [lost]), ("well", [])):
+        maker = Maker()
+        flights[name] = flown(surveying(sim={"faults": faults}), tmp_path / name, watch=note)
+        if name == "back":
+            assert seen
+            assert set(seen[1:]) == {seen[0]}  # none meanwhile
+    for name in ("back", "gone"):
+        there, here = (run_folder.load(tmp_path / one) for one in ("well", name))
+        ticks = min(there.time_s.size, here.time_s.size)
+        assert np.array_equal(there.pos_ned_m[:ticks], here.pos_ned_m[:ticks])
+        assert flights[name][0].succeeded
+    back, gone = (flights[name][0].summary for name in ("back", "gone"))
+    assert back["records_delivered"] == back["records_made"]
+    assert sum(gone["records_waiting"].values()) > 100  # none lost: on the vehicles
+    assert gone["records_unwritten"] == gone["records_lost"] == {}
 
 
 def test_a_disk_that_stays_full_loses_records_by_name_and_number(tmp_path: Path) -> None:

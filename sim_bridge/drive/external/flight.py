@@ -278,7 +278,7 @@ class ExternalFlight:
             stops = vehicle_id in self.faults.stopped
             signal_group(self.companions[vehicle_id], signal.SIGSTOP if stops else signal.SIGCONT)
         self._stopped = self.faults.stopped
-        self.radio.cut_off = self.faults.cut_off
+        self.radio.cut_off, self.radio.cut_links = self.faults.cut_off, self.faults.cut_links
 
     def _start(self, vehicle_id: int, log_file: Path) -> Child:
         return start_companion(

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.core.model.states import SwarmPhase
+from companion.records.record import BASE_ID
 from mission.schema.fault_kinds import FORMS, PARAMETERS, Lasts
 from mission.schema.faults import Fault, FaultKind, FaultPhase, Lie
 from sim_bridge.drive.faults import Faults, parsed, spelled
@@ -35,6 +36,7 @@ def fault(kind: str, **values: Any) -> Fault:
         ("kill", "1,2@coverage+5", {"vehicles": (1, 2), "phase": "coverage", "at_s": 5.0}),
         ("stop", "2@30:3", {"vehicles": (2,), "at_s": 30.0, "for_s": 3.0}),
         ("partition", "1,2,3@60:100", {"vehicles": (1, 2, 3), "at_s": 60.0, "for_s": 100.0}),
+        ("base-lost", "1,2@transit:60", {"vehicles": (1, 2), "phase": "transit", "at_s": 0.0, "for_s": 60.0}),
         ("wind", "1,2@40:4:-3", {"vehicles": (1, 2), "at_s": 40.0, "wind_mps": (4.0, -3.0)}),
         ("wind", "leader@transit:0:6.5:20", {"phase": "transit", "at_s": 0.0, "wind_mps": (0.0, 6.5), "for_s": 20.0}),
         ("blind", "2@40", {"vehicles": (2,), "at_s": 40.0}),
@@ -206,6 +208,18 @@ def test_partitions_and_delays_overlap() -> None:
     assert (some.cut_off, some.late_s) == (({1, 2}, {2}), {3: 1.5, 4: 1.5})
     advanced(some, 10.0)
     assert (some.cut_off, some.late_s) == (({2},), {3: 0.5})
+
+
+def test_links_to_the_base_station_are_cut_both_ways_for_those_that_lost_it() -> None:
+    lost = {"vehicles": [1, 3], "at_s": 5.0, "for_s": 10.0}
+    some = Faults([fault("base-lost", **lost), fault("base-lost", **lost | {"vehicles": [3], "for_s": 20.0})])
+    advanced(some, 0.0)
+    assert some.cut_links == set()
+    advanced(some, 5.0)
+    assert some.cut_links == {(1, BASE_ID), (BASE_ID, 1), (3, BASE_ID), (BASE_ID, 3)}
+    assert some.cut_off == ()
+    advanced(some, 15.0)
+    assert some.cut_links == {(3, BASE_ID), (BASE_ID, 3)}
 
 
 def test_what_never_happened_is_known() -> None:

@@ -293,6 +293,7 @@ def test_the_worst_that_happened_is_the_grade(changes: dict[str, Any], grade: Gr
             [a_fault(FaultKind.OUTSIDER, 2, until_s=None)],
             Grade.INCOMPLETE,
         ),  # it has no key: it is to do nothing
+        (BEHIND, [a_fault(FaultKind.BASE_LOST, 2, until_s=None)], Grade.INCOMPLETE),
     ],
 )
 def test_faults_excuse_those_that_they_struck_and_no_danger(

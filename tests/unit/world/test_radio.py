@@ -132,6 +132,17 @@ def test_a_group_that_is_cut_off_hears_nobody_outside_and_is_not_heard_there() -
     assert air.deliver(4, 0.0) == sent[1]
 
 
+def test_a_link_that_is_cut_is_that_link_alone_and_counts_as_missed() -> None:
+    air = radio()
+    places = in_a_row(0.0, 1.0, 2.0)
+    air.cut_links = frozenset({(1, 2)})
+    sent = {k: numbered(k) for k in places}
+    for k, one in sent.items():
+        send(air, k, one, places, 0.0)
+    assert [air.deliver(k, 0.0) for k in places] == [sent[2] + sent[3], sent[3], sent[1] + sent[2]]
+    assert [air.missed_share(k) for k in places] == [0.0, 0.5, 0.0]
+
+
 def test_being_cut_off_does_not_change_the_luck_of_others() -> None:
     parted = radio(loss=0.5, delay_s=0.1)
     parted.cut_off = (frozenset({2}),)

@@ -62,8 +62,8 @@ def test_a_fault_loads_and_its_dump_loads_back_equal(table: str) -> None:
         (
             'kind = "hang"\nat_s = 1',
             11,
-            'sim.faults[0].kind = "hang": must be one of "kill", "restart", "stop", "partition", "late", "blind", '
-            '"wind", "gnss-outage", "gnss-drift", "position-jump", "position-freeze", "position-drift", '
+            'sim.faults[0].kind = "hang": must be one of "kill", "restart", "stop", "partition", "base-lost", "late", '
+            '"blind", "wind", "gnss-outage", "gnss-drift", "position-jump", "position-freeze", "position-drift", '
             '"height-error", "motor", "scan-errors", "range-errors", "pilot", "disk-full"',
         ),
         ('kind = "kill"', 10, "sim.faults[0].at_s: missing; must be a number from 0"),
@@ -86,6 +86,11 @@ def test_a_fault_loads_and_its_dump_loads_back_equal(table: str) -> None:
             'kind = "gnss-drift"\nat_s = 1\ndrift_mps = [0, 6]',
             13,
             "sim.faults[0].drift_mps[1] = 6: must be a number from -5 to 5",
+        ),
+        (
+            'kind = "base-lost"\nat_s = 1',
+            11,
+            'sim.faults[0].kind = "base-lost": needs [survey] or [payload]: without records there is no base station',
         ),
         (
             'kind = "range-errors"\nat_s = 1\nbias_m = 1\nnoise_m = 0',
