@@ -28,6 +28,7 @@ from sim_bridge.lab.search import draw as drawing
 from sim_bridge.lab.search import flight, program, shrink, summary
 from sim_bridge.lab.search.draw import MOST_FAULTS, Drawn, draw
 from sim_bridge.lab.search.invariants import Alone, Pilots, Progress, Setpoints
+from sim_bridge.lab.search.kept_records import find_lacking_records
 from sim_bridge.world.autopilot import Px4Mode
 from tests.flights import short_mission
 from tests.unit.judge.tick_kit import a_tick
@@ -47,10 +48,8 @@ def test_a_seed_draws_the_same_mission_again(missions: list[Mission]) -> None:
 
 def test_all_that_can_be_drawn_is_drawn(missions: list[Mission]) -> None:
     assert {mission.swarm.size for mission in missions} == set(range(3, 13))
-    assert {len(mission.sim.faults) for mission in missions} == set(range(MOST_FAULTS + 2))
-    assert {fault.kind for mission in missions for fault in mission.sim.faults} == set(FaultKind) - {
-        FaultKind.DISK_FULL
-    }
+    assert {len(mission.sim.faults) for mission in missions} >= set(range(MOST_FAULTS + 2))
+    assert {fault.kind for mission in missions for fault in mission.sim.faults} == set(FaultKind)
     assert {fault.vehicles is None for mission in missions for fault in mission.sim.faults} == {True, False}
     assert len({mission.route.at_end for mission in missions}) == 3
     for seen in (
@@ -59,6 +58,12 @@ def test_all_that_can_be_drawn_is_drawn(missions: list[Mission]) -> None:
         {bool(mission.route.stops) for mission in missions},
         {mission.sensing is None for mission in missions},
         {mission.forest.grade == (0.0, 0.0) for mission in missions},
+        {mission.survey is None for mission in missions},
+        {mission.survey.area_enu_m is None for mission in missions if mission.survey},
+        {mission.survey.until is None for mission in missions if mission.survey},
+        {mission.survey.rise_to_m is None for mission in missions if mission.survey},
+        {mission.sensing.upside_down for mission in missions if mission.sensing},
+        {mission.forest.shapes is None for mission in missions if mission.survey and mission.forest.stand},
     ):
         assert seen == {True, False}
     assert len({mission.sim.radio_trunks for mission in missions}) == 3
@@ -85,6 +90,45 @@ def test_further_faults_mostly_begin_together_with_the_one_before(missions: list
     pairs = [mission.sim.faults[:2] for mission in missions if len(mission.sim.faults) > 1]
     together = sum(a.phase is b.phase and 0.0 <= b.at_s - a.at_s <= (a.for_s or 5.0) + 5.0 for a, b in pairs)
     assert together > 0.5 * len(pairs)
+
+
+RECORDS = {
+    "grade": "ARRIVED",
+    "records_made": 90,
+    "records_delivered": 80,
+    "records_lost": {},
+    "records_waiting": {"3": 10},
+    "records_unwritten": {},
+}
+
+
+@pytest.mark.parametrize(
+    ("changes", "at_end", "faults", "lacking"),
+    [
+        ({}, "return", [], "10 records still on vehicle 3, at the base station"),
+        ({}, "return", [(FaultKind.BASE_LOST, 1, None)], ""),
+        ({}, "return", [(FaultKind.BASE_LOST, 1, 50.0)], "10 records still on vehicle 3, at the base station"),
+        ({}, "land", [], ""),  # far from the base station
+        ({"grade": "DEGRADED"}, "return", [], ""),
+        ({"records_waiting": {}}, "return", [], ""),
+        ({"records_delivered": 91}, "land", [], "91 records delivered of 90 made"),
+        ({"records_unwritten": {"2": 4}}, "land", [], "4 records of vehicle 2 were not written"),
+        ({"records_unwritten": {"2": 4}}, "land", [(FaultKind.DISK_FULL, 2, 9.0)], ""),
+        ({"records_unwritten": {"2": 4}}, "land", [(FaultKind.KILL, 2, None)], ""),
+        (
+            {"records_unwritten": {"2": 4}},
+            "land",
+            [(FaultKind.DISK_FULL, 1, 9.0)],
+            "4 records of vehicle 2 were not written",
+        ),
+    ],
+)
+def test_records_that_no_fault_took_are_looked_for(
+    changes: dict[str, Any], at_end: str, faults: list[tuple[FaultKind, int, float | None]], lacking: str
+) -> None:
+    mission = short_mission(route={"at_end": at_end}, sensing={"sensor": "scan-1deg"}, survey={})
+    struck = [FaultEvent(kind, (k,), 1.0, until_s) for kind, k, until_s in faults]
+    assert find_lacking_records(RECORDS | changes, mission, struck) == lacking
 
 
 def test_a_seed_without_a_possible_mission_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

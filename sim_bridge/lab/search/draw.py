@@ -19,6 +19,8 @@ from mission.schema.fault_kinds import FORMS, PARAMETERS, Needs
 from mission.schema.kinds import RAW_LIDARS, FaultKind, SensorClass
 from sim_bridge.lab.search.attackers import ATTACKED_SHARE, ATTACKERS, draw_attack, draw_signed
 from sim_bridge.lab.search.attackers import SALT as ATTACKERS_SALT
+from sim_bridge.lab.search.surveys import SALT as SURVEYS_SALT
+from sim_bridge.lab.search.surveys import draw_survey
 from sim_bridge.world.world import DEFAULT_ORIGIN
 
 SALT: Final = 0x5EA7C4
@@ -41,8 +43,9 @@ LAYERED_SHARE: Final = 0.8  # of missions with a range finder and an obstacle se
 
 # Of what a seed draws: 2 has the faults of satellites, motors and sensors, 3 pilots, 4 raw scans and range finders,
 # 5 layers of height, 6 odometry for the autopilot, and no crowns where a height by a barometer may be, 7 an attacker in
-# half of the flights, and keys in half: without attackers it is what 6 draws, 8 range radios where all have satellites
-VERSION: Final = 8
+# half of the flights, and keys in half: without attackers it is what 6 draws, 8 range radios where all have satellites,
+# 9 surveys, the base station lost, and full disks
+VERSION: Final = 9
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,8 +58,7 @@ class _Row:
     downs: bool = False
 
 
-# Without disk-full: companions of a search are no processes, and write to no disk. What spoofs more than this, and who
-# lies, is an attacker's.
+# What spoofs more than this, and who lies, is an attacker's; what strikes records is a survey's.
 DRAWN: Final = {
     FaultKind.KILL: _Row(downs=True),
     FaultKind.RESTART: _Row(for_s=(0.5, 20.0)),
@@ -94,6 +96,7 @@ def draw(seed: int, attacked_share: float = ATTACKED_SHARE) -> Drawn:
     """The mission of this seed, which is also its sim.seed. DrawError. `attacked_share`: of seeds with an attacker."""
     for tried in range(MOST_TRIES):
         tables = _tables(np.random.default_rng([SALT, seed, tried]), seed)
+        draw_survey(np.random.default_rng([SURVEYS_SALT, seed, tried]), tables)
         rng = np.random.default_rng([ATTACKERS_SALT, seed, tried])
         signed = draw_signed(rng)
         attacker = ""

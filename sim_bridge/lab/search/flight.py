@@ -19,6 +19,8 @@ from sim_bridge.judge.verdict import BAD_FIRST, Grade
 from sim_bridge.judge.verdict import CAUSES as VERDICT_CAUSES
 from sim_bridge.lab.search.draw import VERSION
 from sim_bridge.lab.search.invariants import INVARIANTS
+from sim_bridge.lab.search.kept_records import MEANS as RECORDS_MEAN
+from sim_bridge.lab.search.kept_records import RECORDS, find_lacking_records
 from sim_bridge.lab.study.backends.agents import fly_stack
 from sim_bridge.lab.study.case import Backend, Case
 from sim_bridge.lab.study.jobs import Done
@@ -27,6 +29,7 @@ CRASHED = "program error"
 CAUSES: Final = {  # a verdict's, and those that the search looks for besides
     **VERDICT_CAUSES,
     CRASHED: "the program ended with an error",
+    RECORDS: RECORDS_MEAN,
     **{invariant.cause: invariant.means for invariant in INVARIANTS},
 }
 
@@ -63,10 +66,12 @@ def fly_to_row(
     """Grade, causes and figures. An error of the program is a finding: UNSAFE, with its last line."""
     invariants = [invariant(mission) for invariant in INVARIANTS]
     happened: Counter[str] = Counter()
+    struck: list[FaultEvent] = []
 
     def watch(flight: fly.Flight) -> None:
         for invariant in invariants:
             invariant.check_flight(flight)
+        struck[:] = flight.faults.happened
         happened.clear()
         happened.update(_name(event) for event in flight.faults.happened)
 
@@ -79,6 +84,11 @@ def fly_to_row(
         found = {"grade": Grade.UNSAFE.value, "causes": [CRASHED], "verdict": text, "arrived": False}
         return found | {"faults": dict(happened), "asked": asked}
     summary = outcome.summary
+    lacking = find_lacking_records(summary, mission, struck)
+    if lacking:
+        summary["verdict"] = f"{Grade.INCOMPLETE}: {lacking}; {summary['verdict']}"
+        summary["grade"] = min(Grade.INCOMPLETE, Grade(summary["grade"]), key=BAD_FIRST.index).value
+        summary["causes"] = [*summary["causes"], RECORDS]
     for broken in [invariant for invariant in reversed(invariants) if invariant.violation]:
         grade = min(broken.grade, Grade(summary["grade"]), key=BAD_FIRST.index)
         summary["verdict"] = f"{grade}: {broken.violation}; {summary['verdict']}"

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from mission.document.model import Mission
-from mission.schema.fault_kinds import FORMS, PARAMETERS, Lasts
+from mission.schema.fault_kinds import FORMS, PARAMETERS, Lasts, Needs
 from mission.schema.faults import within
 from mission.schema.kinds import FaultKind, Lie
 from sim_bridge.drive.entrant.stages import BY_OURS, Entrant
@@ -97,6 +97,26 @@ def _steps(whole: Tables, mission: Mission) -> Iterator[tuple[str, Tables]]:
     for size in dict.fromkeys((max(1, n // 2), n - 2, n - 1)):
         if 0 < size < n:
             yield f"{size} vehicles", _of_size(whole, mission, size)
+    yield from _barer(whole, mission)
+    yield "level ground", _with(whole, "forest", "grade", [0.0, 0.0])
+    yield "without a boundary", _with(whole, "fence", "polygon_enu_m", None)
+    for key, plain in PLAIN.items():
+        if whole["sim"][key] != plain:
+            yield f"sim.{key} = {plain}", _with(whole, "sim", key, plain)
+    for k, fault in enumerate(_faults(whole)):
+        for what, smaller in _lesser(fault):
+            yield (
+                f"fault {k + 1} {what}",
+                _with(whole, "sim", "faults", [*_faults(whole)[:k], smaller, *_faults(whole)[k + 1 :]]),
+            )
+
+
+def _barer(whole: Tables, mission: Mission) -> Iterator[tuple[str, Tables]]:
+    """Less of what stands there, and of what is done there."""
+    if mission.survey is not None:
+        yield "without a survey", _without_survey(whole)
+        yield "without lanes", _with(whole, "survey", "area_enu_m", None)
+        yield "round trunks", _with(whole, "forest", "shapes", None)
     if mission.route.stops:
         yield "one tree", _with(whole, "route", "stops", [])
     stand = mission.forest.stand
@@ -110,17 +130,6 @@ def _steps(whole: Tables, mission: Mission) -> Iterator[tuple[str, Tables]]:
             bare = copy.deepcopy(whole)
             bare["forest"]["stand"]["undergrowth_per_ha"] = 0.0
             yield "without undergrowth", bare
-    yield "level ground", _with(whole, "forest", "grade", [0.0, 0.0])
-    yield "without a boundary", _with(whole, "fence", "polygon_enu_m", None)
-    for key, plain in PLAIN.items():
-        if whole["sim"][key] != plain:
-            yield f"sim.{key} = {plain}", _with(whole, "sim", key, plain)
-    for k, fault in enumerate(_faults(whole)):
-        for what, smaller in _lesser(fault):
-            yield (
-                f"fault {k + 1} {what}",
-                _with(whole, "sim", "faults", [*_faults(whole)[:k], smaller, *_faults(whole)[k + 1 :]]),
-            )
 
 
 def _lesser(fault: Tables) -> Iterator[tuple[str, Tables]]:
@@ -157,6 +166,12 @@ def _of_size(whole: Tables, mission: Mission, size: int) -> Tables:
     for key in ("personalities", "battery_mah"):
         sim[key] = {k: value for k, value in sim[key].items() if int(k) <= size}
     return tables
+
+
+def _without_survey(whole: Tables) -> Tables:
+    """And without the faults that need its records."""
+    left = [fault for fault in _faults(whole) if FORMS[FaultKind(fault["kind"])].needs is not Needs.RECORDS]
+    return {**_with(whole, "sim", "faults", left), "survey": None}
 
 
 def _faults(whole: Tables) -> list[Tables]:
