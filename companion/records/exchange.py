@@ -256,9 +256,9 @@ class RecordExchange:
         return self._store
 
     @property
-    def unwritten(self) -> int:
-        """Own records that are not on the disk: those for which there was no room, and those that wait for it."""
-        return self._queue.refused + self._queue.waiting
+    def unwritten(self) -> tuple[int, int]:
+        """Own records that are not on the disk: for which there is no room, and those that its next write takes."""
+        return self._queue.refused + self._queue.waiting - self._queue.pending, self._queue.pending
 
     def counters(self) -> dict[str, int]:
         """Counts for the log, of this node."""

@@ -70,6 +70,11 @@ class WriteQueue:
         """Own records in memory that are not known to be on the disk yet."""
         return len(self._drafts)
 
+    @property
+    def pending(self) -> int:
+        """Those of them that a disk that has not failed takes with the next write."""
+        return 0 if self._is_failing else self.waiting
+
     def add_own(self, kind: RecordKind, body: bytes, now_s: float) -> None:
         """One more record of this vehicle's."""
         if len(self._drafts) < DRAFTS_MAX:

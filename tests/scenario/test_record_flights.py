@@ -161,6 +161,15 @@ def test_without_the_base_station_the_flight_is_the_same_and_records_come_later(
     assert gone["records_unwritten"] == gone["records_lost"] == {}
 
 
+def test_what_waits_for_the_next_write_where_a_flight_ends_in_the_air_is_not_lost(tmp_path: Path) -> None:
+    hold = {"at_end": "hold"}
+    outcome, shown = flown(surveying(2, route=hold), tmp_path, watch=Maker())
+    assert outcome.summary["records_unwritten"] == {}
+    assert "not written" not in shown
+    waiting = sum(outcome.summary["records_waiting"].values())
+    assert outcome.summary["records_made"] == outcome.summary["records_delivered"] + waiting
+
+
 def test_a_disk_that_stays_full_loses_records_by_name_and_number(tmp_path: Path) -> None:
     full = {"kind": "disk-full", "vehicles": [2], "phase": "gather", "at_s": 1.0}
     figures, shown = {}, {}

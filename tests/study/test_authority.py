@@ -15,6 +15,7 @@ from mission.schema.kinds import FaultKind
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.lab.search.authority import KNOWN_S, PERIODS_S, Authority
 from sim_bridge.lab.search.invariants import INVARIANTS, OneDecides
+from tests.flights import short_mission
 
 TRANSIT, COVERAGE, RETURN = SwarmPhase.TRANSIT, SwarmPhase.COVERAGE, SwarmPhase.RETURN
 LONG_S = DECIDES_AFTER_S + 1.0
@@ -26,9 +27,9 @@ def said(leader: int, phase: SwarmPhase = TRANSIT, *, quorum: bool = True, stop:
     )
 
 
-def under_way() -> Authority:
+def under_way(mission: Mission | None = None) -> Authority:
     """Vehicle 1 has led three on their way for long."""
-    model = Authority()
+    model = Authority(mission or short_mission())
     for now_s in (0.0, LONG_S):
         assert step(model, now_s, said(1), said(1), said(1)) == ""
     assert model.deciding(LONG_S) == [1]
@@ -76,6 +77,16 @@ def test_a_step_that_the_table_has_not_is_found() -> None:
     assert step(model, LONG_S + 1.0, said(1, TRANSIT, stop=1), said(1), said(1)).endswith("that is no step")
 
 
+def test_the_next_lane_is_a_step_and_the_one_after_it_is_none() -> None:
+    area = [[0.0, -20.0], [40.0, -20.0], [40.0, 20.0], [0.0, 20.0]]
+    lanes = short_mission(sensing={"sensor": "scan-1deg"}, survey={"area_enu_m": area, "lane_m": 8.0})
+    assert len(lanes.visits) > 4
+    model = under_way(lanes)
+    assert step(model, LONG_S + 1.0, said(1, TRANSIT, stop=1), said(1), said(1)) == ""
+    assert step(model, LONG_S + 2.0, *[said(1, TRANSIT, stop=1)] * 3) == ""
+    assert step(model, LONG_S + 3.0, said(1, TRANSIT, stop=3), *[said(1, TRANSIT, stop=1)] * 2).endswith("no step")
+
+
 def test_a_phase_is_not_decided_without_knowing_the_newest() -> None:
     model = under_way()
     assert step(model, LONG_S + 1.0, said(1, COVERAGE), said(2), said(2)) == ""
@@ -94,7 +105,7 @@ def test_nobody_goes_back_but_one_that_was_started_again() -> None:
 
 
 def test_before_takeoff_a_leader_decides_at_once() -> None:
-    model = Authority()
+    model = Authority(short_mission())
     ready, off = said(1, SwarmPhase.ASSEMBLE), said(1, SwarmPhase.GATHER)
     ready.flags = off.flags = QUORUM
     assert step(model, 0.0, ready, ready) == ""

@@ -126,7 +126,7 @@ class Harvest:
             path.parent.mkdir(exist_ok=True)
         before = self._links.get(vehicle_id)
         if before is not None:
-            self._unwritten[vehicle_id] += before.unwritten
+            self._unwritten[vehicle_id] += sum(before.unwritten)
             if path is not None:
                 before.store.close()
         self._links[vehicle_id] = link = open_records(
@@ -181,9 +181,18 @@ class Harvest:
             lost = count - at_base.get(key, 0)
             if lost > 0:
                 lacking[key.vehicle_id] = lacking.get(key.vehicle_id, 0) + lost
-        unwritten = self._unwritten + Counter({k: link.unwritten for k, link in self._links.items()})
+        unwritten, pending = Counter(self._unwritten), 0
+        for vehicle_id, link in self._links.items():
+            without_room, next_ones = link.unwritten
+            unwritten[vehicle_id] += without_room
+            if vehicle_id not in alive:
+                unwritten[vehicle_id] += next_ones
+            elif next_ones:
+                pending += next_ones
+                lacking[vehicle_id] = lacking.get(vehicle_id, 0) + next_ones
+        unwritten = +unwritten
         return {
-            "records_made": sum(made.values()) + unwritten.total(),
+            "records_made": sum(made.values()) + unwritten.total() + pending,
             "records_delivered": sum(at_base.values()),
             "records_lost": {str(k): count for k, count in sorted(lacking.items()) if k not in alive},
             "records_waiting": {str(k): count for k, count in sorted(lacking.items()) if k in alive},

@@ -18,9 +18,10 @@ from collections.abc import Iterable, Mapping
 from typing import Final
 
 from companion.core.model.states import SwarmPhase
-from companion.core.swarm.phases import is_step, progress_of
+from companion.core.swarm.phases import Phases, progress_of
 from companion.core.swarm.roster import DECIDES_AFTER_S
 from companion.mavlink.own_messages import AIRBORNE, QUORUM, WireBeacon
+from mission.document.model import Mission
 
 PERIODS_S: Final = 0.25  # two beacons, and a tick: so much later or earlier a beacon tells what has been decided
 KNOWN_S: Final = 2.0  # in which what one tells is known to all that hear it
@@ -30,7 +31,8 @@ Progress = tuple[bool, int, SwarmPhase]
 class Authority:
     """Model of one flight: `judge_tick` with each tick's last beacons returns what breaks a rule, in words; or ""."""
 
-    def __init__(self) -> None:
+    def __init__(self, mission: Mission) -> None:
+        self._mission = mission
         self._told: dict[int, tuple[SwarmPhase, int]] = {}  # by vehicle: phase and stop
         self._first_s: dict[Progress, tuple[float, int]] = {}  # by phase: when it was told first, and by whom
         self._leads_s: dict[int, float] = {}  # by vehicle: since when it says that it leads the majority
@@ -81,7 +83,9 @@ class Authority:
         if since_s is None or now_s - since_s < wait_s:
             led_s = 0.0 if since_s is None else now_s - since_s
             return f"{what}, and has led the majority for {led_s:.1f} s"
-        if not is_step(*before, *now):
+        known = Phases(self._mission)
+        known.adopt_phase(before[0], now_s, before[1])
+        if not known.is_step(*now):
             return f"{what} from {before[0].name}: that is no step"
         for progress, (told_s, whose) in self._first_s.items():
             is_between = progress_of(*before) < progress < progress_of(*now)

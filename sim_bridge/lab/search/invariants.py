@@ -189,7 +189,7 @@ class OneDecides(Invariant):
 
     def __init__(self, mission: Mission) -> None:
         super().__init__(mission)
-        self._model = Authority()
+        self._model = Authority(mission)
 
     def find_violation(self, flight: Flight) -> str:
         """The first beacon that no trace of the model has."""

@@ -50,11 +50,12 @@ def test_a_full_disk_is_said_once_and_nothing_of_a_minute_is_lost(tmp_path: Path
     air.run(60.0, each_s)
     assert air.at_base() == []
     assert said == ["records: disk full: kept in memory"]
-    assert node.unwritten == node.counters()["own ones waiting for the disk"] == 60
+    assert node.unwritten == (60, 0)
+    assert node.counters()["own ones waiting for the disk"] == 60
     disk.full = False
     air.run(30.0, each_s)
     assert said[1:] == ["records: the disk takes them again"]
-    assert node.unwritten == 0
+    assert node.unwritten == (0, 0)
     assert [number for _, number, _ in air.at_base()] == list(range(1, 61))
 
 
