@@ -1,6 +1,7 @@
 """One turn of an obstacle sensor as a level scan: each ray by its bearing, and by where the vehicle was at its time.
 
-Of a lidar with layers it is the flattest one. What is not at the vehicle's height (ground, crowns) counts as not seen.
+Of a lidar with layers it has the flattest ray of each bearing, whichever layer's: ahead of a vehicle that leans forward
+by 19 degrees one that looks up from it. What is not at the vehicle's height (ground, crowns) counts as not seen.
 """
 
 from __future__ import annotations
@@ -74,6 +75,50 @@ class LevelScan:
             if not self.ranges_m[at] > math.sqrt(n * n + e * e) + by_m:  # nearer, or not measured
                 return False
         return True
+
+
+@final
+class FlattestRays:
+    """Flattest measured ray of each bearing of one turn of a lidar of several layers."""
+
+    __slots__ = ("_bearings_rad", "_eyes_east_m", "_eyes_north_m", "_ranges_m", "slopes", "step_rad")
+
+    def __init__(self, step_rad: float) -> None:
+        """`step_rad`: from ray to ray of a layer, > 0."""
+        self.step_rad: Final = step_rad
+        count = max(1, math.floor(math.tau / step_rad + 0.5))
+        self.slopes: Final = [math.inf] * count  # sine of the elevation of the one that is kept
+        self._ranges_m: Final = [math.nan] * count
+        self._bearings_rad: Final = [0.0] * count
+        self._eyes_north_m: Final = [0.0] * count
+        self._eyes_east_m: Final = [0.0] * count
+
+    def index_of(self, body_rad: float) -> int:
+        """Of a bearing from the body's own ahead."""
+        return math.floor(body_rad / self.step_rad + 0.5) % len(self.slopes)
+
+    def put_ray(
+        self, index: int, slope: float, bearing_rad: float, range_m: float, eye_ne_m: tuple[float, float]
+    ) -> None:
+        """A measured ray that is flatter than the one there. Else as LevelScan.add_ray."""
+        self.slopes[index] = slope
+        self._bearings_rad[index] = bearing_rad
+        self._ranges_m[index] = range_m
+        self._eyes_north_m[index], self._eyes_east_m[index] = eye_ne_m
+
+    def as_scan(self) -> LevelScan:
+        """Bearings that no ray measured count as not measured, from where the ray before them was."""
+        scan = LevelScan(self.step_rad)
+        count = len(self.slopes)
+        known = [k for k in range(count) if self.slopes[k] < math.inf]
+        last = known[-1] if known else 0
+        before = last - count
+        for k in range(count):
+            if self.slopes[k] < math.inf:
+                last = before = k
+            bearing_rad = self._bearings_rad[last] + (k - before) * self.step_rad
+            scan.add_ray(bearing_rad, self._ranges_m[k], self._eyes_north_m[last], self._eyes_east_m[last])
+        return scan
 
 
 def level_scan_of(scan: ObstacleScan, own: Position) -> LevelScan:

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from typing import Final, final
 
 from companion.core.model.events import LidarScan, Position
-from companion.core.perception.level_scan import GROUND_M, LevelScan, axes_ned
+from companion.core.perception.level_scan import GROUND_M, FlattestRays, LevelScan, axes_ned
 from companion.core.perception.obstacle_map import ObstacleMap
 from companion.core.vehicle.obstacle_sensor_monitor import SENSORS_MAX
 from mission.common.frames import Vec3
@@ -36,7 +36,7 @@ LAYER_RAD: Final = 1e-3  # elevations that differ by more are of two layers
 class _Turn:
     """Free way that one sensor's turn has seen until now: level metres by bearing from north, over BINS."""
 
-    __slots__ = ("came_s", "eye_ne_m", "hit_m", "level", "measured_s", "number", "reach_m")
+    __slots__ = ("came_s", "eye_ne_m", "flattest", "hit_m", "level", "measured_s", "number", "reach_m")
 
     def __init__(self, number: int, came_s: float, measured_s: float, eye_ne_m: tuple[float, float]) -> None:
         self.number: Final = number
@@ -45,7 +45,8 @@ class _Turn:
         self.eye_ne_m: Final = eye_ne_m  # where its first ray began, about the map's anchor
         self.hit_m: list[float] = [math.inf] * BINS  # the nearest hit
         self.reach_m: list[float] = [UNSEEN_M] * BINS  # the farthest that a ray went within the band
-        self.level: LevelScan | None = None  # of its flattest layer
+        self.level: LevelScan | None = None  # of the layer that its sensor has
+        self.flattest: FlattestRays | None = None  # instead, where it has several
 
     def note_hit(self, bearing_rad: float, away_m: float) -> None:
         """A ray was stopped within the band."""
@@ -64,28 +65,31 @@ class _Turn:
 class LidarMapper:
     """One vehicle's. Feed it every piece of a scan with `integrate_rays`."""
 
-    __slots__ = ("_flattest_rad", "_map", "_turns")
+    __slots__ = ("_elevations_rad", "_layered", "_map", "_turns")
 
     def __init__(self, obstacles: ObstacleMap) -> None:
         self._map: Final = obstacles
         self._turns: dict[int, _Turn] = {}
-        self._flattest_rad: dict[int, float] = {}  # elevation of each sensor's flattest layer
+        self._elevations_rad: dict[int, float] = {}  # of each sensor's first piece
+        self._layered: set[int] = set()  # sensors of several layers
 
     def integrate_rays(
         self, scan: LidarScan, own: Position, now_s: float, ignore: Sequence[Vec3] = ()
     ) -> LevelScan | None:
-        """Takes in a piece; the turn's level scan when it is whole, placed as the piece is.
+        """Takes in a piece; a turn's level scan when it is whole, placed as its pieces were.
 
-        `own`: position now; `ignore`: where neighbours are, relative (NED m).
+        It is by the last piece of a turn, of several layers by the first of the next. `own`: position now; `ignore`:
+        where neighbours are, relative (NED m).
         """
         first, last = scan.first_attitude_rad, scan.last_attitude_rad
         numbers = scan.age_s + scan.start_rad + scan.step_rad + scan.elevation_rad
         for three in (own.pos_ned_m, own.vel_ned_mps, first, last):
             numbers += three[0] + three[1] + three[2]
+        before = self._turns.get(scan.sensor)
         turn = self._turn_of(scan, own, now_s) if numbers - numbers == 0.0 else None  # finite
         if turn is None:
             return None
-        level_scan = self._choose_level(scan, turn)
+        level_scan, flattest = self._choose_level(scan, turn), turn.flattest
         # Roll and pitch as in its middle; the yaw of each ray between first and last, about the body's own axis
         count = len(scan.ranges_m)
         yawed = math.remainder(last[2] - first[2], math.tau)
@@ -103,21 +107,29 @@ class LidarMapper:
             if level_scan is not None:
                 _add_level_ray(level_scan, scan, k, (n, e, d), own)
             if range_m == range_m:  # measured
+                if flattest is not None:
+                    _add_flat_ray(flattest, scan, k, (n, e, d), own)
                 self._take_ray(scan, k, (n, e, d), own, turn, now_s, ignore)
             ahead, right = ahead * cos_step - right * sin_step, right * cos_step + ahead * sin_step
+        if before is not None and before is not turn and before.flattest is not None:
+            return before.flattest.as_scan()
         if level_scan is None or not level_scan.is_whole:
             return None
         turn.level = LevelScan(level_scan.step_rad)  # what is still to come of the turn is no other
         return level_scan
 
     def _choose_level(self, scan: LidarScan, turn: _Turn) -> LevelScan | None:
-        """The level scan that this piece is a part of; None: it is of another layer, or shows nothing."""
-        flattest_rad = self._flattest_rad.get(scan.sensor, math.inf)
-        elevation_rad = abs(scan.elevation_rad)
-        if elevation_rad > flattest_rad + LAYER_RAD or scan.step_rad == 0.0:
+        """The level scan of the one layer that the sensor has; None: it has several, or a piece of it shows nothing."""
+        first_rad = self._elevations_rad.setdefault(scan.sensor, scan.elevation_rad)
+        if abs(scan.elevation_rad - first_rad) > LAYER_RAD:
+            self._layered.add(scan.sensor)
+        if scan.step_rad == 0.0:
             return None
-        if turn.level is None or elevation_rad < flattest_rad - LAYER_RAD:
-            self._flattest_rad[scan.sensor] = elevation_rad
+        if scan.sensor in self._layered:
+            turn.level = None
+            if turn.flattest is None:
+                turn.flattest = FlattestRays(abs(scan.step_rad))
+        elif turn.level is None:
             turn.level = LevelScan(abs(scan.step_rad))
         return turn.level
 
@@ -168,19 +180,34 @@ class LidarMapper:
 
 
 def _add_level_ray(level: LevelScan, scan: LidarScan, k: int, way_ned: Vec3, own: Position) -> None:
-    """A ray of the flattest layer; what it hits that is not at the vehicle's height counts as not measured."""
+    """A ray of the one layer."""
+    eye_n, eye_e = _eye_of(scan, k, own)
+    level.add_ray(math.atan2(way_ned[1], way_ned[0]), _level_m(scan, k, way_ned, own), eye_n, eye_e)
+
+
+def _add_flat_ray(flattest: FlattestRays, scan: LidarScan, k: int, way_ned: Vec3, own: Position) -> None:
+    """A measured ray of one of several layers, where it is flatter than those before it."""
+    index, slope = flattest.index_of(scan.start_rad + k * scan.step_rad), abs(way_ned[2])
+    if slope < flattest.slopes[index]:
+        bearing_rad, range_m = math.atan2(way_ned[1], way_ned[0]), _level_m(scan, k, way_ned, own)
+        flattest.put_ray(index, slope, bearing_rad, range_m, _eye_of(scan, k, own))
+
+
+def _level_m(scan: LidarScan, k: int, way_ned: Vec3, own: Position) -> float:
+    """How far a ray went, level; inf: nothing stopped it, nan: what did is not at the vehicle's height."""
     n, e, d = way_ned
-    range_m, age_s = scan.ranges_m[k], scan.age_s - k * scan.ray_time_s
+    range_m = scan.ranges_m[k]
     if range_m > scan.max_m:
-        range_m = math.inf
-    elif not _is_of_trunk(d * range_m, own.pos_ned_m[2]) or -(own.pos_ned_m[2] + d * range_m) <= GROUND_M:
-        range_m = math.nan
-    level.add_ray(
-        math.atan2(e, n),
-        range_m * math.sqrt(n * n + e * e),
-        own.pos_ned_m[0] - own.vel_ned_mps[0] * age_s,
-        own.pos_ned_m[1] - own.vel_ned_mps[1] * age_s,
-    )
+        return math.inf
+    if not _is_of_trunk(d * range_m, own.pos_ned_m[2]) or -(own.pos_ned_m[2] + d * range_m) <= GROUND_M:
+        return math.nan
+    return range_m * math.sqrt(n * n + e * e)
+
+
+def _eye_of(scan: LidarScan, k: int, own: Position) -> tuple[float, float]:
+    """Where the vehicle was when that ray was measured, north and east."""
+    age_s = scan.age_s - k * scan.ray_time_s
+    return own.pos_ned_m[0] - own.vel_ned_mps[0] * age_s, own.pos_ned_m[1] - own.vel_ned_mps[1] * age_s
 
 
 def _is_of_trunk(lower_m: float, down_m: float) -> bool:
