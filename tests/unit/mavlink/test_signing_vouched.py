@@ -12,6 +12,7 @@ from companion.core.model.states import SwarmPhase
 from companion.mavlink.beacon import COMPONENT
 from companion.mavlink.framing import wire
 from companion.mavlink.peers.frame_mac import mac_of, seal
+from companion.mavlink.peers.guard import OpenGuard
 from companion.mavlink.peers.manifest import Manifest
 from companion.mavlink.peers.stream import Stream
 from tests.unit.core.core_kit import beacon
@@ -150,3 +151,41 @@ def test_frames_of_each_epoch_hold_by_a_key_that_is_made_once(monkeypatch: pytes
     unnamed = wire.frame(0, b"x", seq=0, system=1, component=COMPONENT, flags=1)
     for k in range(3):
         assert two.guard.admits(one.guard.seal(unnamed, now_s + k * PERIOD_S, named=False), now_s + k * PERIOD_S)
+
+
+def test_a_radio_without_keys_takes_no_signed_frame() -> None:
+    """A signature that is not read proves nothing."""
+    (one, _), now_s = met(1, 2)
+    sealed, unsigned = one.send(now_s)[0], wire.frame(0, b"x", seq=0, system=1, component=COMPONENT)
+    guard = OpenGuard()
+    for count in (1, 2):
+        assert not guard.passes(sealed, now_s)
+        assert not guard.admits(sealed, now_s)
+        assert dict(guard.refused) == {"signed": 2 * count}
+    assert guard.passes(unsigned, now_s)
+
+
+def test_each_time_somebody_speaks_as_another_is_counted() -> None:
+    (one, two), now_s = met(1, 2)
+    false = Node(1)
+    false.guard._own_key = one.guard._own_key
+    for count in (1, 2):
+        now_s += 5.0
+        two.receive(false.send(now_s)[:1], now_s)
+        two.guard.take_proof(manifest_of(one, now_s + 0.01), now_s + 0.01)
+        assert two.guard.refused["disowned"] == count
+
+
+def test_a_beacon_is_new_by_the_newest_beacon_whatever_records_have_come() -> None:
+    (one, two), now_s = met(1, 2)
+    record = wire.frame(0, b"x", seq=0, system=1, component=COMPONENT, flags=1)
+    assert two.guard.admits(one.guard.seal(record, now_s + 2.0, named=False), now_s, named=False)
+    other = Node(1)
+    other.guard._own_key = one.guard._own_key
+    sealed = other.send(now_s + 0.1)[0]  # its counter is behind that of the record
+    assert two.guard.passes(sealed, now_s + 0.1)
+    two.guard.take_admitted(sealed, now_s + 0.1)
+    two.guard.refused.clear()
+    for count in (1, 2):
+        assert not two.guard.passes(sealed, now_s + 0.1)
+        assert dict(two.guard.refused) == {"repeated": count}
