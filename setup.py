@@ -62,6 +62,7 @@ COMPILED = {
         "companion/mavlink/*.py",
         "companion/mavlink/autopilot_link/*.py",
         "companion/mavlink/framing/*.py",
+        "companion/mavlink/orders/*.py",
         "companion/mavlink/peers/*.py",
         "companion/journal/channels.py",
         "companion/journal/journal.py",

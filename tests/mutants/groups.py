@@ -48,7 +48,17 @@ GROUPS: Final = (
     Group(
         "verifier of the radio",
         tuple(f"{PEERS}/{name}.py" for name in ("frame_mac", "guard", "manifest", "session", "stream")),
-        (f"{LINK}/test_signing.py", f"{LINK}/test_signing_rotation.py", f"{LINK}/test_signing_words.py"),
+        tuple(
+            f"{LINK}/test_{name}.py"
+            for name in (
+                "signing",
+                "signing_rotation",
+                "signing_words",
+                "signing_checks",
+                "signing_vouched",
+                "mac_first",
+            )
+        ),
         (f"{LINK}/test_endpoint_records.py", "tests/property/test_order_books.py"),
     ),
     Group(

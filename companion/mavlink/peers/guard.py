@@ -24,7 +24,7 @@ from companion.mavlink.peers.frame_mac import (
 )
 from companion.mavlink.peers.manifest import MANIFEST_ID, Manifest
 from companion.mavlink.peers.session import Session, name_of, twin_of
-from companion.mavlink.peers.stream import Stream, Waiting, Word, word_of
+from companion.mavlink.peers.stream import Stream, Waiting, says_same
 from companion.mavlink.schema.tables.signing import ECHOES_MAX, MACS_MAX
 
 MANIFEST_S: Final = 1.0
@@ -142,7 +142,7 @@ class SignedGuard:
         self._timestamp = 0
         self._sent: deque[tuple[int, bytes]] = deque(maxlen=MACS_MAX)  # named by the next manifest
         self._unnamed = 0  # sent since the last one
-        self._word: Word | None = None  # of the last own beacon
+        self._said: Beacon | None = None  # the last own beacon
         self._manifest_s = -math.inf
         self._urgent_until_s = -math.inf
         self._says: list[Say] = []
@@ -180,23 +180,25 @@ class SignedGuard:
         return stream.refusal(frame, self._session, sender, now_s, named=named)
 
     def take_proof(self, frame: bytes, now_s: float) -> bool:
-        if not manifests.is_manifest(frame):
+        payload = manifests.manifest_payload(frame)
+        if payload is None:
             return False
         sender = frame[5]
         if not self.holds_mac(frame):
             self.refused["forged manifest"] += 1
             self._report_sender(sender, "has another key, or another mission file: ignored", now_s)
             return True
-        found = manifests.read_manifest(frame)
+        found = manifests.read_payload(sender, payload)
         if found is None:
             return False
-        if not self._is_due(sender, *found, now_s):
+        manifest, signed, signature = found
+        if not self._is_due(sender, manifest, signed, signature, now_s):
             return True
         stream = self._streams.get(sender)
-        if stream is not None and stream.boot == found[0].boot and stream.is_known(found[0], now_s):
-            stream.put_off(Waiting(*found, now_s))
-        elif self._holds_signature(sender, *found, now_s):
-            self._take_manifest(sender, found[0], now_s)
+        if stream is not None and stream.boot == manifest.boot and stream.is_known(manifest, now_s):
+            stream.put_off(Waiting(manifest, signed, signature, now_s))
+        elif self._holds_signature(sender, manifest, signed, signature, now_s):
+            self._take_manifest(sender, manifest, now_s)
         return True
 
     def holds_mac(self, frame: bytes) -> bool:
@@ -291,9 +293,9 @@ class SignedGuard:
             self._sent.append((self._timestamp, mac_of(sealed)))
             self._unnamed += 1
         if said is not None:
-            word = word_of(said)
-            if word != self._word:
-                self._word, self._urgent_until_s = word, max(self._urgent_until_s, now_s + NEWS_S)
+            if self._said is None or not says_same(said, self._said):
+                self._urgent_until_s = max(self._urgent_until_s, now_s + NEWS_S)
+            self._said = said
         return sealed
 
     def proof(self, now_s: float) -> tuple[int, bytes] | None:

@@ -22,19 +22,30 @@ MANIFEST_ID: Final = dialect.MAVLINK_MSG_ID_SWARM_MANIFEST
 DOMAIN: Final = b"understory manifest 1"  # a signature of one kind of message is none of another
 _PAYLOAD: Final = Struct("<" + "".join(row.code for row in MANIFEST.on_wire))
 _ECHO: Final = Struct("<BI")
+_MACS: Final = Struct(f"{MAC_BYTES}s" * MACS_MAX)
+_NO_MAC: Final = bytes(MAC_BYTES)
 _ID_BYTES: Final = MANIFEST_ID.to_bytes(3, "little")
 _CRC_EXTRA: Final = bytes([dialect.MAVLink_swarm_manifest_message.crc_extra])
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False, unsafe_hash=True)
 class Manifest:
     """The boot and the frames that a sender vouches for."""
 
-    boot: int  # of the sender
-    first: int  # timestamp of the first frame that is named
-    last: int  # of the last: between them it sent those named, and no other
-    macs: Sequence[bytes]  # of these frames, in their order; at most MACS_MAX
-    echoes: Sequence[tuple[int, int]]  # boots that it has heard: system id, boot; at most ECHOES_MAX
+    boot: Final[int]  # of the sender
+    first: Final[int]  # timestamp of the first frame that is named
+    last: Final[int]  # of the last: between them it sent those named, and no other
+    macs: Final[Sequence[bytes]]  # of these frames, in their order; at most MACS_MAX
+    echoes: Final[Sequence[tuple[int, int]]]  # boots that it has heard: system id, boot; at most ECHOES_MAX
+
+    def __init__(
+        self, boot: int, first: int, last: int, macs: Sequence[bytes], echoes: Sequence[tuple[int, int]]
+    ) -> None:
+        self.boot = boot
+        self.first = first
+        self.last = last
+        self.macs = macs
+        self.echoes = echoes
 
 
 def encode_manifest(manifest: Manifest, sender: int, signer: Signer) -> bytes:
@@ -48,9 +59,9 @@ def encode_manifest(manifest: Manifest, sender: int, signer: Signer) -> bytes:
     return signed + signer.sign(_vouched(sender, signed))
 
 
-def is_manifest(frame: bytes) -> bool:
-    """A whole SWARM_MANIFEST frame whose checksum holds; nothing of it is read."""
-    return _payload(frame) is not None
+def manifest_payload(frame: bytes) -> bytes | None:
+    """A whole SWARM_MANIFEST frame whose checksum holds -> its payload, of which nothing is read; None: it is none."""
+    return payload_of(frame, _ID_BYTES, _CRC_EXTRA, _PAYLOAD.size)
 
 
 def read_manifest(frame: bytes) -> tuple[Manifest, bytes, bytes] | None:
@@ -58,25 +69,21 @@ def read_manifest(frame: bytes) -> tuple[Manifest, bytes, bytes] | None:
 
     None: it is none, its checksum is wrong, or it makes no sense.
     """
-    payload = _payload(frame)
-    if payload is None:
-        return None
+    payload = manifest_payload(frame)
+    return None if payload is None else read_payload(frame[5], payload)
+
+
+def read_payload(sender: int, payload: bytes) -> tuple[Manifest, bytes, bytes] | None:
+    """As `read_manifest`, of a payload that `manifest_payload` has found. `sender`: system id."""
     last, boot, span, echoes, macs, signature = _PAYLOAD.unpack(payload)
     if boot == 0 or span > last:
         return None
-    named = [macs[at : at + MAC_BYTES] for at in range(0, len(macs), MAC_BYTES)]
-    manifest = Manifest(
-        boot,
-        last - span,
-        last,
-        tuple(mac for mac in named if mac != bytes(MAC_BYTES)),
-        tuple((sender, heard) for sender, heard in _ECHO.iter_unpack(echoes) if sender),
-    )
-    return manifest, _vouched(frame[5], payload[:-SIGNATURE_BYTES]), signature
-
-
-def _payload(frame: bytes) -> bytes | None:
-    return payload_of(frame, _ID_BYTES, _CRC_EXTRA, _PAYLOAD.size)
+    named: tuple[bytes, ...] = _MACS.unpack(macs)
+    if _NO_MAC in named:
+        named = tuple([mac for mac in named if mac != _NO_MAC])
+    heard = tuple([echo for echo in _ECHO.iter_unpack(echoes) if echo[0]])
+    manifest = Manifest(boot, last - span, last, named, heard)
+    return manifest, _vouched(sender, payload[:-SIGNATURE_BYTES]), signature
 
 
 def _vouched(sender: int, payload: bytes) -> bytes:

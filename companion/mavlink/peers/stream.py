@@ -7,7 +7,7 @@ from collections import deque
 from typing import Final, NamedTuple, final
 
 from companion.core.localisation.peer_reports import TAKEN_BACK
-from companion.core.model.beacon import Beacon
+from companion.core.model.beacon import Beacon, Candidate, Lease
 from companion.mavlink.peers.frame_mac import UNITS_PER_S, epoch_of, mac_holds, mac_of, timestamp_of
 from companion.mavlink.peers.manifest import Manifest
 from companion.mavlink.peers.session import Session
@@ -22,8 +22,6 @@ HEARD_MAX: Final = 64  # frames that wait for their manifest
 COUNTS_HZ: Final = 20.0  # of a lease, at most: the fastest that beacons are
 COUNTS_SLACK: Final = 20.0  # beyond the count that was vouched for: news of a leader comes by several ways
 
-Word = tuple[int, ...]  # a beacon's, of leader and phase; see `word_of`
-
 
 class Waiting(NamedTuple):
     """A manifest whose signature has not been checked yet."""
@@ -34,15 +32,47 @@ class Waiting(NamedTuple):
     heard_s: float
 
 
-def word_of(said: Beacon) -> Word:
-    """The part of a beacon that moves a swarm, or takes an alarm back: it counts once its sender has vouched for it."""
-    lease, candidate, sighting = said.lease, said.candidate, said.sighting
-    claim = (0, 0, 0, 0, 0, 0)
-    if lease is not None:
-        claim = (lease.leader, lease.priority, int(lease.established), lease.heir, lease.ends, int(lease.quorum))
-    proposed = (0, 0, 0) if candidate is None else (candidate.vehicle, candidate.priority, candidate.score)
-    taken_back = sighting.vehicle if sighting is not None and sighting.relays == TAKEN_BACK else 0
-    return (*claim, *proposed, taken_back, said.phase, said.stop, said.done, said.present, said.flown)
+def says_same(one: Beacon, other: Beacon) -> bool:
+    """Two beacons of one sender have the same word: what moves a swarm, or takes an alarm back.
+
+    It counts once the sender has vouched for it. Compared in place: it is asked about each beacon that comes.
+    """
+    return (
+        one.phase == other.phase
+        and one.stop == other.stop
+        and one.done == other.done
+        and one.present == other.present
+        and one.flown == other.flown
+        and _claims_same(one.lease, other.lease)
+        and _proposes_same(one.candidate, other.candidate)
+        and _taken_back(one) == _taken_back(other)
+    )
+
+
+def _claims_same(one: Lease | None, other: Lease | None) -> bool:
+    """Whatever their counts and scores."""
+    if one is None or other is None:
+        return one is other
+    return (
+        one.leader == other.leader
+        and one.priority == other.priority
+        and one.established == other.established
+        and one.heir == other.heir
+        and one.ends == other.ends
+        and one.quorum == other.quorum
+    )
+
+
+def _proposes_same(one: Candidate | None, other: Candidate | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    return one.vehicle == other.vehicle and one.priority == other.priority and one.score == other.score
+
+
+def _taken_back(said: Beacon) -> int:
+    """The vehicle of an alarm that it takes back; 0: of none."""
+    sighting = said.sighting
+    return sighting.vehicle if sighting is not None and sighting.relays == TAKEN_BACK else 0
 
 
 @final
@@ -82,10 +112,11 @@ class Stream:
         "_disputed_until_s",
         "_heard",
         "_keys",
+        "_latest",
         "_marks",
         "_proven_s",
         "_put_off",
-        "_word",
+        "_said",
         "boot",
         "heard_s",
         "vouched",
@@ -99,14 +130,17 @@ class Stream:
         self.vouched = -1  # `last` of its newest manifest
         self.waiting: Waiting | None = None  # the newest manifest that told nothing new
         # What was signed in such, and the signature: whoever repeats both tells nothing
-        self._put_off: deque[tuple[bytes, bytes]] = deque(maxlen=HEARD_MAX)
+        self._put_off: dict[tuple[bytes, bytes], None] = {}  # at most HEARD_MAX, the oldest first
         # Of frames that manifests name, and of others: whoever makes one of those in its name silences none of these.
         self._marks = {True: Mark(mark, now_s), False: Mark(mark, now_s)}
         self._keys: dict[int, bytes] = {}  # by epoch
-        self._heard: deque[tuple[int, bytes, Beacon | None]] = deque(maxlen=HEARD_MAX)
+        # Timestamp, MAC; of a beacon, one with the same word, and the count of its lease. To keep each as it came
+        # would be a hundred beacons in a swarm of twelve, which the processor's cache holds no longer.
+        self._heard: deque[tuple[int, bytes, Beacon | None, int]] = deque(maxlen=HEARD_MAX)
+        self._latest: Beacon | None = None
         self._proven_s = -math.inf
         self._disputed_until_s = -math.inf
-        self._word: Word | None = None  # the newest that it has vouched for,
+        self._said: Beacon | None = None  # the newest that it has vouched for,
         self._count = 0  # and the count of the lease in it
 
     def refusal(self, frame: bytes, session: Session, sender: int, now_s: float, *, named: bool) -> str:
@@ -115,12 +149,14 @@ class Stream:
         `named`: as of `take_frame`. The MAC comes first, and nothing is remembered of what it does not hold for.
         """
         epoch = epoch_of(frame)
-        key = self._keys.get(epoch) or session.stream_key(epoch, sender, self.boot)
+        known = self._keys.get(epoch)
+        key = known or session.stream_key(epoch, sender, self.boot)
         if key is None:
             return "of an unknown epoch"
         if not mac_holds(frame, key):
             return "forged, or of another boot"
-        self._keys[epoch] = key
+        if known is None:
+            self._keys[epoch] = key
         return self._marks[named].refusal(timestamp_of(frame), now_s)
 
     def take_frame(self, frame: bytes, said: Beacon | None, now_s: float, *, named: bool) -> None:
@@ -128,8 +164,15 @@ class Stream:
         timestamp = timestamp_of(frame)
         self._marks[named].move(timestamp, now_s)
         self.heard_s = now_s
-        if named:
-            self._heard.append((timestamp, mac_of(frame), said))
+        if not named:
+            return
+        count = 0
+        if said is not None:
+            count = _count_of(said)
+            if self._latest is not None and says_same(said, self._latest):
+                said = self._latest
+            self._latest = said
+        self._heard.append((timestamp, mac_of(frame), said, count))
 
     def is_known(self, manifest: Manifest, now_s: float) -> bool:
         """A manifest whose signature may wait: the last that held is not long ago, and this one would change nothing.
@@ -139,12 +182,14 @@ class Stream:
         """
         if now_s - self._proven_s > CHECKED_S or now_s < self._disputed_until_s:
             return False
-        said = self._newest_said(manifest)
-        return self._names_all(manifest) and (said is None or word_of(said) == self._word)
+        said, _ = self._newest_said(manifest)
+        return self._names_all(manifest) and (said is None or self._has_vouched_for(said))
 
     def put_off(self, waiting: Waiting) -> None:
         """A manifest that `is_known`: its signature is checked if no newer one comes."""
-        self._put_off.append((waiting.signed, waiting.signature))
+        while len(self._put_off) >= HEARD_MAX:
+            del self._put_off[next(iter(self._put_off))]
+        self._put_off[waiting.signed, waiting.signature] = None
         if self.waiting is None or waiting.manifest.last > self.waiting.manifest.last:
             self.waiting = waiting
 
@@ -160,9 +205,9 @@ class Stream:
         clean = self._names_all(manifest)
         if clean:
             self._proven_s = now_s
-            said = self._newest_said(manifest)
+            said, count = self._newest_said(manifest)
             if said is not None:
-                self._word, self._count = word_of(said), _count_of(said)
+                self._said, self._count = said, count
         else:
             # What was taken may be the other's: go on from what the sender itself says that it has sent.
             self._marks[True] = Mark(last, now_s)
@@ -174,22 +219,31 @@ class Stream:
 
     def _names_all(self, manifest: Manifest) -> bool:
         """All that was taken of the time that the manifest speaks of."""
-        named = frozenset(manifest.macs)
-        return all(mac in named for at, mac, _ in self._heard if manifest.first <= at <= manifest.last)
+        named, first, last = frozenset(manifest.macs), manifest.first, manifest.last
+        for at, mac, _, _ in reversed(self._heard):  # in their order: only newer ones are taken
+            if at < first:
+                return True
+            if at <= last and mac not in named:
+                return False
+        return True
 
-    def _newest_said(self, manifest: Manifest) -> Beacon | None:
-        """The last beacon of that time, as far as it was taken."""
-        for at, _, said in reversed(self._heard):
+    def _newest_said(self, manifest: Manifest) -> tuple[Beacon | None, int]:
+        """The word of the last beacon of that time, as far as it was taken, and the count of its lease."""
+        for at, _, said, count in reversed(self._heard):
             if said is not None and manifest.first <= at <= manifest.last:
-                return said
-        return None
+                return said, count
+        return None, 0
 
     def is_proven(self, said: Beacon, now_s: float) -> bool:
         """The sender vouches for its frames and has vouched for this word, and its leader's count is not far ahead."""
         age_s = now_s - self._proven_s
-        if age_s > PROVEN_S or now_s < self._disputed_until_s or word_of(said) != self._word:
+        if age_s > PROVEN_S or now_s < self._disputed_until_s or not self._has_vouched_for(said):
             return False
         return _count_of(said) <= self._count + COUNTS_SLACK + COUNTS_HZ * age_s
+
+    def _has_vouched_for(self, said: Beacon) -> bool:
+        """It has this beacon's word in one that it has vouched for."""
+        return self._said is not None and says_same(said, self._said)
 
 
 def _count_of(said: Beacon) -> int:

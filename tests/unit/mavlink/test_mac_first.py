@@ -48,7 +48,7 @@ def test_what_is_forged_is_not_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(module, name, lambda *rest: decoded.append(name) or real(*rest))
 
     note(swarm_beacon, "decode")
-    note(manifest, "read_manifest")
+    note(manifest, "read_payload")
     note(peers_link, "read_relative_report")
     for frame in (sealed, proof, report):
         for _ in range(100):
@@ -57,7 +57,7 @@ def test_what_is_forged_is_not_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
     assert sum(link.guard.refused.values()) >= 300
     heard = link.read_datagram(sealed + report + proof, now_s)
     assert len(heard) == 2
-    assert sorted(decoded) == ["decode", "read_manifest", "read_relative_report"]
+    assert sorted(decoded) == ["decode", "read_payload", "read_relative_report"]
 
 
 def test_forged_trunks_are_not_decoded(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,8 +7,8 @@ from dataclasses import replace
 from companion.keys.crypto import Verifier
 from companion.mavlink.framing import wire
 from companion.mavlink.peers.guard import CHECKS_MAX
-from companion.mavlink.peers.manifest import read_manifest
-from companion.mavlink.peers.stream import CHECKED_S, PROVEN_S, Waiting
+from companion.mavlink.peers.manifest import Manifest, read_manifest
+from companion.mavlink.peers.stream import CHECKED_S, HEARD_MAX, PROVEN_S, Stream, Waiting
 from tests.unit.core.core_kit import beacon, lease
 from tests.unit.mavlink.signing_kit import PERIOD_S, Node, beacon_frame, exchange, guard, keyring, met, seed
 from tests.unit.mavlink.test_signing import forged
@@ -210,3 +210,21 @@ def test_a_manifest_that_comes_late_and_is_checked_leaves_a_newer_one() -> None:
     two.receive(kept_back, now_s + CHECKED_S)
     assert verifier.count == 1
     assert two.guard._streams[1].waiting is waiting
+
+
+def test_of_manifests_that_were_put_off_the_last_ones_are_known_again() -> None:
+    """A member makes as many as it likes: what is remembered of them is bounded."""
+    stream = Stream(1001, 0, 100.0)
+    manifests = [Manifest(1001, 1, k, (), ()) for k in range(1, HEARD_MAX + 11)]
+    for manifest in manifests:
+        stream.put_off(Waiting(manifest, b"%d" % manifest.last, b"signature", 100.0))
+    known = [stream.has_heard(manifest, b"%d" % manifest.last, b"signature") for manifest in manifests]
+    assert known == [False] * 10 + [True] * HEARD_MAX
+
+
+def test_a_leader_whose_count_advances_is_believed_all_the_time() -> None:
+    (one, two), now_s = met(1, 2)
+    for count in range(1, 301):
+        one.says = {"lease": lease(1, count)}
+        now_s = exchange([one, two], now_s, 1)
+    assert two.heard == [(1, True)] * 300
