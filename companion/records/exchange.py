@@ -76,12 +76,12 @@ class RecordExchange:
         `fusion`: a vehicle's, of its store.
         `mission_hash`: vectors of another mission are not heard, nor records of logs that none of this one told of.
         """
+        self.unstored = ""  # reason why they are in memory alone, where a file was asked for
         self.dropped: Final = dict.fromkeys((*DROPPED, FOREIGN), 0)
         self.mission_hash: Final = mission_hash
         self._fusion, self._store = fusion, store
         self._queue = WriteQueue(writer, keeps_own=me != BASE_ID)
-        self._me, self._members = me, members
-        self._is_base = me == BASE_ID
+        self._me, self._members, self._is_base = me, members, me == BASE_ID
         self._peers = Peers(me, members)
         self._airtime = Airtime(bit_rate_kbps)
         self._holdings: Final[dict[LogKey, Holding]] = store.holdings()
