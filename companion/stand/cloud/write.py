@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -10,7 +9,7 @@ from typing import Final, NamedTuple
 from companion.cloud.returns_reader import read_returns
 from companion.stand.cloud.las import to_laz
 from companion.stand.cloud.merge import StandCloud, merge_returns
-from companion.stand.products.write import Products
+from companion.stand.products.write import Products, replace_file
 from mission.document.model import Mission
 
 CLOUD_LAZ: Final = "cloud.laz"
@@ -32,9 +31,7 @@ def write_cloud(files: Sequence[Path], stand: Products, mission: Mission, out_di
     )
     cloud = merge_returns(passes, stand.harvest.observations, stand.fusion)
     file = out_dir / CLOUD_LAZ
-    scratch = out_dir / f".{CLOUD_LAZ}.part"
-    scratch.write_bytes(to_laz(cloud, None if mission.origin is None else mission.origin.wgs84))
-    os.replace(scratch, file)
+    replace_file(file, to_laz(cloud, None if mission.origin is None else mission.origin.wgs84))
     return CloudWritten(file, cloud, sum(torn for _, torn in read))
 
 
