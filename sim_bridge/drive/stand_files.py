@@ -52,10 +52,10 @@ def write_stand(mission: Mission, folder: Path) -> StandWritten:
 def _write_cloud(files: Sequence[Path], written: Products, mission: Mission, out: Path) -> str:
     """The point cloud of the vehicles' returns; a line for people. OSError."""
     try:
-        from companion.stand.cloud.write import describe_cloud, write_cloud
+        from companion.stand.cloud.write import describe_cloud, read_files, write_cloud
     except ModuleNotFoundError as error:
         return f"cloud: not written: {error.name} is not installed"
     try:
-        return describe_cloud(write_cloud(files, written, mission, out))
+        return describe_cloud(write_cloud(read_files(files), written, mission, out))
     except ReturnsFileError as error:
         return f"cloud: not written: {error}"
