@@ -120,7 +120,7 @@ left out.
 
 BASE_MORE = """\
 It shows how many records there are, as far as the vehicles have told it, and how many it has:
-  412 of 430 records delivered, vehicles 1, 2, 5 in range
+  412 of 430 records delivered, vehicles 1, 2, 5 in range; 3, 4 out of range: may hold more
 Ends with Ctrl-C. docs/how-to/collect-records.md has more.
 
 exit codes: 0 ended by SIGINT or SIGTERM, 2 wrong usage or a bad file, 3 a port or a file that cannot be opened

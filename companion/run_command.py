@@ -10,6 +10,7 @@ import sys
 import time
 import traceback
 from contextlib import ExitStack
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -36,7 +37,7 @@ from mission import __version__
 from mission.common.compiled import STATE
 from mission.common.entry_points import TITLE_MAX_CHARS, EntryPointError
 from mission.common.problems import MissionError, printable
-from mission.document.load import load_mission
+from mission.document.load import MAX_PLACE_CHARS, load_mission
 from mission.document.model import Mission
 
 SIGNING = "signing"  # the check that saw the autopilot refuse who has no key
@@ -155,12 +156,14 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
             f"the mission has [survey], which needs {error.name}: in the checkout, pip install -e '.[survey]'",
         ) from None
     radio = _radio_keys(key, arguments, mission, opened)
-    records = _records(arguments, mission, opened, log, radio.session)
+    records, unstored = _records(arguments, mission, opened, log, radio.session)
     returns = _returns(arguments, mission, opened, log)
     needs = (SIGNING,) if arguments.sign_autopilot else ()
     cleared = clearance(
         arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time(), needs=needs
     )
+    if unstored:  # in the air it flies on, as a card may fail between two starts
+        cleared = replace(cleared, grounded="; ".join(filter(None, (f"records: {unstored}", cleared.grounded))))
     box = _black_box(arguments, mission, cleared, radio)
     endpoint = Endpoint(
         mission,
@@ -242,19 +245,24 @@ def _radio_keys(key: str | None, arguments: argparse.Namespace, mission: Mission
 
 def _records(
     arguments: argparse.Namespace, mission: Mission, opened: ExitStack, log: FlightLog, session: Session | None
-) -> RecordLink | None:
-    """Of a mission that keeps some. `session`: of a radio with keys."""
+) -> tuple[RecordLink | None, str]:
+    """Of a mission that keeps some; and why they are in memory alone, or "". `session`: of a radio with keys."""
     if not mission.keeps_records:
-        return None
-    from companion.shell.records import records_of, records_path  # SQLite, which other flights need not keep
+        return None, ""
+    from companion.records.store import StoreError  # SQLite, which other flights need not keep
+    from companion.shell.records import records_of, records_path
 
     path = records_path(arguments.records, arguments.log, mission, arguments.id)
     mission_file, beside_loop = Path(arguments.mission), arguments.clock == "monotonic"
-    records = records_of(
-        *(mission, arguments.id, path, opened), mission_file=mission_file, beside_loop=beside_loop, session=session
-    )
-    log.line(None, f"records in {path}: {records.progress()}")
-    return records
+    try:
+        records = records_of(
+            *(mission, arguments.id, path, opened), mission_file=mission_file, beside_loop=beside_loop, session=session
+        )
+    except StoreError as error:
+        raise RefusedError(EXIT_REFUSED, f"--records {printable(str(path), MAX_PLACE_CHARS)}: {error}") from None
+    where = f"in memory alone, not in {path}, {records.unstored}" if records.unstored else f"in {path}"
+    log.line(None, f"records {where}: {records.progress()}")
+    return records, records.unstored
 
 
 def _returns(arguments: argparse.Namespace, mission: Mission, opened: ExitStack, log: FlightLog) -> ReturnsLog | None:

@@ -34,6 +34,7 @@ READS_S: Final = 0.03  # and for how long: a flood keeps no answer waiting
 SHOWN_S: Final = 1.0  # between lines of progress, where they overwrite one another,
 LOGGED_S: Final = 10.0  # and where each stays
 UNSIGNED: Final = "UNSIGNED (--unsigned): whoever is in radio range can write records, and have vehicles delete theirs"
+NAMED_MAX: Final = 8  # vehicles out of range that are named; more are counted
 GAPS_MAX: Final = 8  # logs whose missing numbers are named at the end
 
 
@@ -71,7 +72,8 @@ def base(arguments: argparse.Namespace) -> int:
             shown.line(UNSIGNED)
         with Stop() as stop:
             serve(station, link, stop, shown)
-        shown.line(station.text)
+        more = describe_unknown(station, time.monotonic())
+        shown.line(f"{station.text}{more and f'; {more}'}")
         for line in gaps(station):
             shown.line(line)
         forged = records.dropped.get(FORGED, 0)
@@ -110,9 +112,19 @@ def describe(station: BaseStation, pace: Pace, now_s: float) -> str:
     """The progress, the stand so far, how fast records arrive, and who is near, in a line."""
     near = station.in_range(now_s)
     vehicles = f"vehicles {', '.join(map(str, near))} in range" if near else "no vehicle in range"
+    more = describe_unknown(station, now_s)
     progress = station.progress
     rate = pace.describe(progress.delivered, progress.made, now_s)
-    return f"{station.text}{rate}, {vehicles}"
+    return f"{station.text}{rate}, {vehicles}{more and f'; {more}'}"
+
+
+def describe_unknown(station: BaseStation, now_s: float) -> str:
+    """Vehicles whose newest records are not among those counted; "": none that is known of."""
+    away = station.may_hold_more(now_s)
+    if not away:
+        return ""
+    named = ", ".join(map(str, away)) if len(away) <= NAMED_MAX else f"{len(away)} others"
+    return f"{named} out of range: may hold more"
 
 
 def gaps(station: BaseStation) -> list[str]:

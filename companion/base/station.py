@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from companion.core.model.beacon import Beacon
+from companion.core.model.states import FlightState
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink.framing import wire
 from companion.mavlink.orders.order import order_payload
@@ -26,6 +28,8 @@ class BaseStation:
         self._guard: Final[Guard] = guard or OpenGuard()
         self._sender = wire.Sender(BASE_ID, swarm_beacon.COMPONENT, self._guard.flags)
         self._heard_s: dict[int, float] = {}  # by system id, at most 255
+        self._flown = 0  # bit k-1: vehicle k has taken off, as beacons have it
+        self._landed: set[int] = set()  # that said so last
         self._leader = 0  # that acts, as the last beacon has it that names one with the majority; 0: none yet
 
     def receive(self, data: bytes, now_s: float) -> None:
@@ -43,6 +47,8 @@ class BaseStation:
             said = decode_beacon(sender, fields)
             if guard.admits(frame, now_s, said):
                 self._heard_s[sender] = now_s
+                if said is not None:
+                    self._note_flown(said)
                 if said is not None and said.lease is not None and said.lease.established and said.lease.quorum:
                     self._leader = said.lease.leader
 
@@ -61,6 +67,18 @@ class BaseStation:
     def in_range(self, now_s: float, within_s: float = 3.0) -> list[int]:
         """Vehicles whose beacons were heard lately."""
         return sorted(k for k, heard_s in self._heard_s.items() if now_s - heard_s <= within_s)
+
+    def may_hold_more(self, now_s: float) -> list[int]:
+        """Vehicles that have flown out of range: nobody here tells of what they have recorded since."""
+        known = {*self.in_range(now_s), *self._landed}
+        return [k for k in range(1, self.records.members + 1) if self._flown >> (k - 1) & 1 and k not in known]
+
+    def _note_flown(self, said: Beacon) -> None:
+        self._flown |= said.flown
+        if said.state is FlightState.LANDED:
+            self._landed.add(said.sender)
+        else:
+            self._landed.discard(said.sender)
 
     @property
     def summary(self) -> StandSummary | None:

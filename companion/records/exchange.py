@@ -76,12 +76,12 @@ class RecordExchange:
         `fusion`: a vehicle's, of its store.
         `mission_hash`: vectors of another mission are not heard, nor records of logs that none of this one told of.
         """
+        self.unstored = ""  # reason why they are in memory alone, where a file was asked for
         self.dropped: Final = dict.fromkeys((*DROPPED, FOREIGN), 0)
         self.mission_hash: Final = mission_hash
         self._fusion, self._store = fusion, store
         self._queue = WriteQueue(writer, keeps_own=me != BASE_ID)
-        self._me, self._members = me, members
-        self._is_base = me == BASE_ID
+        self._me, self.members, self._is_base = me, members, me == BASE_ID
         self._peers = Peers(me, members)
         self._airtime = Airtime(bit_rate_kbps)
         self._holdings: Final[dict[LogKey, Holding]] = store.holdings()
@@ -144,7 +144,7 @@ class RecordExchange:
 
     def _is_other(self, sender: int) -> bool:
         """Another node of this swarm."""
-        return sender != self._me and (1 <= sender <= self._members or sender == BASE_ID)
+        return sender != self._me and (1 <= sender <= self.members or sender == BASE_ID)
 
     def _note_foreign(self) -> None:
         if not self.dropped[FOREIGN]:
@@ -154,7 +154,7 @@ class RecordExchange:
     def _receive_record(self, record: Record, now_s: float) -> None:
         key = record.key
         self._peers.note_aired(key, record.number, now_s)
-        if not 1 <= key.vehicle_id <= self._members:
+        if not 1 <= key.vehicle_id <= self.members:
             self.dropped["of unknown vehicles"] += 1
         if key not in self._holdings:
             return  # no vector told of it: it may be another mission's. Nobody sends it for this node yet
@@ -207,7 +207,7 @@ class RecordExchange:
         """A log of one of this swarm's vehicles, now among those that are kept; of one vehicle LOGS_MAX at most."""
         if key in self._holdings:
             return True
-        if not 1 <= key.vehicle_id <= self._members:
+        if not 1 <= key.vehicle_id <= self.members:
             self.dropped["of unknown vehicles"] += 1
             return False
         of_vehicle = sum(other.vehicle_id == key.vehicle_id for other in self._holdings)

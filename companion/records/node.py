@@ -34,9 +34,10 @@ def open_records(
 
     `fusion`: what makes a stand of the records while it leads. `session`: its keys, in a swarm that has them.
 
-    So it is, and is said, where the file cannot be opened: a companion that starts again in flight must fly on.
+    So it is, too, where the disk does not let it be opened: a companion that starts again in flight must fly on. Then
+    `unstored` of what is returned says why. StoreError: the file is another's, or of another mission.
     """
-    said, mission_id = "", mission_hash(mission)
+    said, unstored, mission_id = "", "", mission_hash(mission)
     keys = record_keys(session, mission_id)
     try:
         if path is None:
@@ -44,14 +45,18 @@ def open_records(
         else:
             store, said = open_store(path, me, draw, is_synced=is_synced, mission_hash=mission_id, keys=keys)
     except StoreError as error:
+        if error.is_foreign:
+            raise
         store = RecordStore(MEMORY, me, draw, keys=keys)
-        said = f"{error}: in memory"
+        unstored = str(error)
+        said = f"{unstored}: in memory"
     exchange: RecordExchange
     common = (store, writer(store), me, mission.swarm.size, bit_rate_kbps(mission))
     if keys is None:
         exchange = RecordExchange(*common, mission_hash=mission_id, fusion=fusion(store))
     else:
         exchange = SignedExchange(*common, keys=keys, fusion=fusion(store))
+    exchange.unstored = unstored
     if said:
         exchange.note_line(f"records: {said}")
     return exchange

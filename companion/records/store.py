@@ -69,10 +69,11 @@ _OTHERS: Final = (
 class StoreError(Exception):
     """A file that cannot be opened, read or written; the message says why, in a few words."""
 
-    def __init__(self, why: str, *, is_damaged: bool = False) -> None:
-        """`is_damaged`: another file in its place would do."""
+    def __init__(self, why: str, *, is_damaged: bool = False, is_foreign: bool = False) -> None:
+        """`is_damaged`: another file in its place would do. `is_foreign`: it is no store of this node and mission."""
         super().__init__(why)
         self.is_damaged = is_damaged
+        self.is_foreign = is_foreign
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +132,7 @@ class RecordStore:
             try:
                 why = "" if path == MEMORY else foreign_reason(Path(path))
                 if why:
-                    raise StoreError(why)
+                    raise StoreError(why, is_foreign=True)
                 self._writing = opened.enter_context(contextlib.closing(connect(path, is_synced)))
                 self._reading = self._writing
                 if path != MEMORY:
@@ -149,13 +150,13 @@ class RecordStore:
                 self._writing.execute(statement)
             version = self._meta("format", FORMAT)
             if version != FORMAT:
-                raise StoreError(f"is of format {version}, not {FORMAT}")
+                raise StoreError(f"is of format {version}, not {FORMAT}", is_foreign=True)
             me = self._meta("vehicle_id", self._me)
             if me != self._me:
-                raise StoreError(f"holds the records of vehicle {me}, not {self._me}")
+                raise StoreError(f"holds the records of vehicle {me}, not {self._me}", is_foreign=True)
             mission_hash = self._mission_hash
             if mission_hash is not None and self._meta("mission_hash", mission_hash) != mission_hash:
-                raise StoreError("holds the records of another mission")
+                raise StoreError("holds the records of another mission", is_foreign=True)
             self.own_log = LogKey(self._me, self._meta("own_log", self._draw()))
             if self._keys is None:
                 stored.forget_keys(self._writing)

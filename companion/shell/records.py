@@ -34,7 +34,7 @@ def records_of(
 ) -> RecordExchange:
     """This vehicle's records in `path`. `beside_loop`: written and fused there, else while the loop waits.
 
-    `session`: its keys, in a swarm that has them.
+    `session`: its keys, in a swarm that has them. StoreError: the file is another's, or of another mission.
     """
 
     def writer(store: RecordStore) -> RecordWriter:

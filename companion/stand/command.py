@@ -29,13 +29,17 @@ def stand(arguments: argparse.Namespace) -> int:
         for file in clouds:
             if not file.is_file() or clouds.count(file) > 1:
                 raise ReturnsFileError(f"{file}: {'given twice' if file.is_file() else 'no such file'}")
+        returns = []
+        if clouds:
+            from companion.stand.cloud.write import check_flight, describe_cloud, read_files, write_cloud  # laspy
+
+            returns = read_files(clouds)
+            doubts += [doubt for file in returns if (doubt := check_flight(file, records))]
         out = Path(arguments.out)
         written = write_products(records, mission, out, form_height_m=arguments.form_height_m)
         lines = [*(f"wrote {file}" for file in written.files), describe_products(written)]
-        if arguments.cloud:
-            from companion.stand.cloud.write import describe_cloud, write_cloud  # laspy
-
-            cloud = write_cloud(clouds, written, mission, out)
+        if clouds:
+            cloud = write_cloud(returns, written, mission, out)
             lines += [f"wrote {cloud.file}", describe_cloud(cloud)]
     except (MissionError, RecordsError, TooManyError, ReturnsFileError) as error:
         print(error, file=sys.stderr)

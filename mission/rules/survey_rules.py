@@ -37,12 +37,12 @@ def conflicts(mission: MissionTables) -> Iterator[Conflict]:
 
 def _until(mission: MissionTables) -> Iterator[Conflict]:
     """Coverage can end before its time: there is some, and something comes after it."""
-    until = None if mission.survey is None else mission.survey.until
-    if until is None:
+    survey = mission.survey
+    if survey is None or survey.until is None or survey.area_enu_m is not None:  # lanes can end after the first
         return
-    if mission.route.at_end is AtEnd.HOLD and not mission.lanes:
+    if mission.route.at_end is AtEnd.HOLD:
         yield conflict(mission, ("route.at_end",), 'never ends coverage: [survey] until needs "return" or "land"')
-    if not mission.lanes and until.after_s >= mission.coverage.duration_s:
+    if survey.until.after_s >= mission.coverage.duration_s:
         yield conflict(
             mission,
             ("survey.until.after_s", "coverage.duration_s"),

@@ -181,15 +181,29 @@ def _anchor(conflict: Conflict, values: Mapping[str, Any]) -> Path:
 def _conflicts_beside(
     model: type[BaseModel], schema: Node, values: Mapping[str, Any], refused: list[Path]
 ) -> tuple[Conflict, ...]:
-    """Conflicts among the valid fields: the others are replaced, and what involves them is left out."""
+    """Conflicts among the valid fields: the others are replaced, and what involves them is left out.
+
+    So is what comes of a key's absence alone: it is not found where the key has the example in its description.
+    """
     keys = {path[:2] for path in refused}
     repaired = _without(values, keys)
     _fill(schema, schema, repaired)
+    found = _conflicts_of(model, repaired) or ()
+    for key in keys:
+        node = node_at(schema, key) or {}
+        if len(key) == 2 and "examples" in node and isinstance(repaired.get(str(key[0])), dict):
+            repaired[str(key[0])][str(key[1])] = node["examples"][0]
+    beside = _conflicts_of(model, repaired)
+    found = found if beside is None else tuple(c for c in found if c in beside)
+    return tuple(c for c in found if not any(path[:1] in keys or path[:2] in keys for path in c.paths))
+
+
+def _conflicts_of(model: type[BaseModel], values: Mapping[str, Any]) -> tuple[Conflict, ...] | None:
+    """Conflicts of values that are valid; None: they are not."""
     try:
-        model.model_validate(repaired)
+        model.model_validate(values)
     except ValidationError as error:
-        found = _conflicts(error.errors(include_url=False, include_input=False))
-        return tuple(c for c in found if not any(path[:1] in keys or path[:2] in keys for path in c.paths))
+        return _conflicts(error.errors(include_url=False, include_input=False)) or None
     return ()
 
 

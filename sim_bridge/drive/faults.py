@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
@@ -217,7 +218,5 @@ def keep_faults(faults: Faults, now_s: float, folder: Path, progress: Progress) 
     rows = [asdict(event) for event in faults.happened]
     rows += [{"kind": fault.kind.value, "asked": spelled(fault), "at_s": None} for fault in faults.never()]
     if rows:
-        try:
-            run_folder.write(folder / FILE_NAME, (json.dumps(rows, indent=2) + "\n").encode())
-        except OSError as error:  # disk full: the flight still has its verdict
-            progress.event(now_s, f"{error.filename}: {error.strerror}")
+        figures = (json.dumps(rows, indent=2) + "\n").encode()
+        run_folder.keep_file(folder / FILE_NAME, figures, partial(progress.event, now_s))

@@ -32,13 +32,14 @@ from sim_bridge.drive.lockstep.harvest import Harvest, describe_records, harvest
 from sim_bridge.drive.lockstep.lockstep import Companion, CompanionLostError, InProcess, Lockstep
 from sim_bridge.drive.lockstep.processes import Launcher, RadioSocket
 from sim_bridge.drive.operator import Operator, SignedOperator, operator_order
+from sim_bridge.judge import run_folder
 from sim_bridge.judge.estimate_recorder import EstimateRecorder
 from sim_bridge.judge.metrics.stems import measure_stems
 from sim_bridge.judge.observer import Observer
 from sim_bridge.judge.outcome import Outcome, conclude
 from sim_bridge.judge.progress import Progress, Status
 from sim_bridge.judge.recording import Recorder, Trace
-from sim_bridge.judge.run_folder import BEACONS_LOST
+from sim_bridge.judge.run_folder import BEACONS_LOST, MISSION_NAME
 from sim_bridge.judge.tick import Tick
 from sim_bridge.world.airframe.base import AirframeFactory
 from sim_bridge.world.airframe.jsbsim_quad import jsbsim_airframes
@@ -48,7 +49,7 @@ from sim_bridge.world.strikes import strike
 from sim_bridge.world.world import World
 
 INTERRUPTED = "interrupted"  # why a flight ended
-MISSION_NAME, ORIGINAL_NAME = "mission.toml", "mission.original.toml"
+ORIGINAL_NAME = "mission.original.toml"
 BEACONS_REMEMBERED = 1024  # four from each of 256 vehicles: more than are under way at a time
 LINKS = {Link.ONBOARD: StreamProfile.MINIMAL, Link.GROUND: StreamProfile.MINIMAL}
 
@@ -258,7 +259,7 @@ def fly(
     MissionError for a stem map that is not in `folder`. `black_box`: each companion keeps one in `folder`.
     """
     if folder is not None:
-        (folder / MISSION_NAME).write_text(dump_mission(mission), encoding="utf-8")
+        run_folder.write(folder / MISSION_NAME, dump_mission(mission).encode())
     elif not in_process:
         raise ValueError("folder = None: companions that are processes read the mission there")
     if not in_process and not entrant.is_ours:
@@ -325,7 +326,8 @@ def fly(
     if folder is not None:
         keep_faults(flight.faults, flight.world.now_s, folder, progress)
         if flight.mission is not mission:  # as flown: with what viewers have done
-            (folder / MISSION_NAME).write_text(dump_mission(flight.mission), encoding="utf-8")
+            flown = dump_mission(flight.mission).encode()
+            run_folder.keep_file(folder / MISSION_NAME, flown, partial(progress.event, flight.world.now_s))
     no_more_interrupts()  # what follows is what a flight is flown for
     with progress.working("measuring the flight"):
         return conclude(

@@ -35,7 +35,7 @@ from sim_bridge.drive.live.pace import Pace
 from sim_bridge.drive.live.ros2_open import check_options, open_topics
 from sim_bridge.drive.lockstep.fleet_keys import FleetKeys
 from sim_bridge.errors import StartError
-from sim_bridge.judge import page
+from sim_bridge.judge import page, run_folder
 from sim_bridge.judge.outcome import Outcome, describe_end, present, write_page
 from sim_bridge.judge.progress import Progress
 from sim_bridge.world.airframe.point_mass import point_mass_airframes
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     with contextlib.ExitStack() as stack:
         publish = open_topics(args, mission, stack)
         folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
-        (folder / ORIGINAL_NAME).write_bytes(original)  # the file may change, or go, while it is flown
+        run_folder.write(folder / ORIGINAL_NAME, original)  # the file may change, or go, while it is flown
         if mission.forest.file is not None:
             shutil.copyfile(args.mission.parent / mission.forest.file, folder / mission.forest.file)
         map_ = None
@@ -80,12 +80,14 @@ def run(args: argparse.Namespace) -> int:
                 except StartError:
                     _leave_nothing(folder, mission.forest.file)
                     raise
+            lost: list[str] = []
             if mission.keeps_records:
                 from sim_bridge.drive.stand_files import write_stand  # numpy's and scipy's parts that only it needs
 
-                for line in write_stand(mission, folder):
+                lines, lost = write_stand(mission, folder)
+                for line in lines:
                     progress.event(outcome.metrics.sim_time_s, line)
-            unwritten = write_page(outcome, folder, title, progress)  # which links what there is by now
+            unwritten = write_page(outcome, folder, title, progress) + lost  # it links what there is by now
         code = present(outcome, folder, unwritten, as_json=args.json, verbose=args.verbose)
         if map_ is not None:
             map_.send_changes(over=describe_end(outcome, folder))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from companion.cloud.returns_log import SUFFIX
 from companion.cloud.returns_reader import ReturnsFileError
@@ -19,30 +19,43 @@ from sim_bridge.world.world import DEFAULT_ORIGIN
 PLACED: Final = "no [origin]: placed at the simulator's default origin"
 
 
-def write_stand(mission: Mission, folder: Path) -> list[str]:
-    """Writes them into the run folder of a mission that keeps records; lines for people."""
+class StandWritten(NamedTuple):
+    """Lines for people, and which files are missing, and why."""
+
+    lines: list[str]
+    unwritten: list[str]
+
+
+def write_stand(mission: Mission, folder: Path) -> StandWritten:
+    """Writes them into the run folder of a mission that keeps records."""
     records = folder / BASE_FILE
     placed, note, said = mission, "", ""
     if mission.origin is None:
         placed, note, said = mission.with_origin(DEFAULT_ORIGIN), f" ({PLACED})", f"; {PLACED}"
     try:
         written = write_products(read_records(records), placed, folder / STAND_FOLDER, origin_note=note)
-    except (RecordsError, TooManyError, OSError) as error:
-        return [f"stand: not written: {error}"]
+    except (RecordsError, TooManyError) as error:
+        return StandWritten([f"stand: not written: {error}"], [])
+    except OSError as error:
+        return StandWritten([], [f"{error.filename or STAND_FOLDER}: {error.strerror}"])
     lines = [f"stand: {describe_products(written)}{said}"]
     files = sorted((folder / COMPANIONS).glob(f"*{SUFFIX}"))
+    unwritten = []
     if files:
-        lines.append(f"stand: {_write_cloud(files, written, placed, folder / STAND_FOLDER)}")
-    return [*lines, f"stand: report and files in {folder / STAND_FOLDER}"]
+        try:
+            lines.append(f"stand: {_write_cloud(files, written, placed, folder / STAND_FOLDER)}")
+        except OSError as error:
+            unwritten.append(f"{error.filename or STAND_FOLDER}: {error.strerror}")
+    return StandWritten([*lines, f"stand: report and files in {folder / STAND_FOLDER}"], unwritten)
 
 
 def _write_cloud(files: Sequence[Path], written: Products, mission: Mission, out: Path) -> str:
-    """The point cloud of the vehicles' returns; a line for people."""
+    """The point cloud of the vehicles' returns; a line for people. OSError."""
     try:
-        from companion.stand.cloud.write import describe_cloud, write_cloud
+        from companion.stand.cloud.write import describe_cloud, read_files, write_cloud
     except ModuleNotFoundError as error:
         return f"cloud: not written: {error.name} is not installed"
     try:
-        return describe_cloud(write_cloud(files, written, mission, out))
-    except (ReturnsFileError, OSError) as error:
+        return describe_cloud(write_cloud(read_files(files), written, mission, out))
+    except ReturnsFileError as error:
         return f"cloud: not written: {error}"

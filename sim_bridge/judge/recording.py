@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import os
 import struct
 import tempfile
@@ -96,13 +97,15 @@ class Recorder:
             return
         try:
             if self._file is None:
-                self._file = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115  for as long as the recorder is
+                # Unbuffered: what a full disk has not taken would wait in a buffer, and fail whatever comes next
+                self._file = tempfile.TemporaryFile(dir=self._folder, buffering=0)  # noqa: SIM115  it outlives this
             while self._arrays:
+                packed = io.BytesIO()
+                for name in COLUMNS:
+                    np.save(packed, getattr(self._arrays[0], name), allow_pickle=False)
                 end = self._file.seek(0, os.SEEK_END)
                 try:
-                    for name in COLUMNS:
-                        np.save(self._file, getattr(self._arrays[0], name), allow_pickle=False)
-                    self._file.flush()
+                    _write_all(self._file, packed.getbuffer())
                 except OSError:
                     self._file.truncate(end)
                     raise
@@ -159,6 +162,12 @@ class Recorder:
             self._file, self._filed = None, 0
         rows = [assembled(self._rows)] if self._rows or not self._arrays else []
         return joined([*self._arrays, *rows])
+
+
+def _write_all(file: IO[bytes], data: memoryview) -> None:
+    """`data` into an unbuffered file, which may take less at a time, as the last that a disk has room for. OSError."""
+    while data:
+        data = data[file.write(data) :]
 
 
 def joined(parts: Sequence[Recording]) -> Recording:

@@ -9,6 +9,7 @@ import io
 import json
 import zipfile
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -67,6 +68,14 @@ def write(path: Path, data: bytes | memoryview) -> None:
         with contextlib.suppress(OSError):
             path.unlink()
         raise OSError(error.errno, f"cannot be written: {error.strerror}", str(path)) from error
+
+
+def keep_file(path: Path, data: bytes, say: Callable[[str], None]) -> None:
+    """As `write`; that it cannot be written is said, with its name: a flight on a full disk still has its verdict."""
+    try:
+        write(path, data)
+    except OSError as error:
+        say(f"{error.filename}: {error.strerror}")
 
 
 def load(folder: Path) -> Recording:

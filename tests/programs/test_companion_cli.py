@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from companion import cli
+from companion.records.store import RecordStore
 from mission import __version__
 from tests.programs.companion_kit import MISSION
 
@@ -215,11 +216,56 @@ def test_records_of_a_mission_that_does_not_survey_are_refused(mission: Path) ->
     assert "has no [survey]" in done.stderr
 
 
+def surveying(mission: Path) -> list[str]:
+    """Options of a companion whose mission surveys, as written now."""
+    mission.write_text(MISSION + '[sensing]\nrange_m = 12.0\nsensor = "scan-1deg"\n[survey]\n')
+    return ["--unsigned", *(f"--{kind}=udpout://127.0.0.1:9" for kind in ("autopilot", "peers", "sensor=lidar"))]
+
+
+@pytest.mark.parametrize(
+    ("file", "why"),
+    [
+        ("folder", "is no file"),
+        ("notes.txt", "is no store of records, and no database"),
+        ("of_another_vehicle.db", "holds the records of vehicle 3, not 1"),
+        ("of_another_mission.db", "holds the records of another mission"),
+    ],
+)
+def test_a_file_of_records_that_is_not_this_flights_is_refused(
+    mission: Path, tmp_path: Path, file: str, why: str
+) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "notes.txt").write_text("Mind the bees.\n" * 20)
+    RecordStore(tmp_path / "of_another_vehicle.db", 3, lambda: 1).close()
+    RecordStore(tmp_path / "of_another_mission.db", 1, lambda: 1, mission_hash=77).close()
+    command = [sys.executable, "-m", "companion.cli", "run", "--mission", str(mission), "--id", "1"]
+    options = [*surveying(mission), "--waive", "all", "--records", str(tmp_path / file)]
+    done = subprocess.run([*command, *options], capture_output=True, text=True, timeout=LIMIT_S, check=False)
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1] == f"companion: --records {tmp_path / file}: {why}"
+
+
+def test_records_that_cannot_be_written_keep_the_vehicle_on_the_ground(mission: Path, tmp_path: Path) -> None:
+    """It does not end: one that starts again in flight, with a card that has failed meanwhile, must fly on."""
+    log, file = tmp_path / "flight.log", tmp_path / "unmounted" / "a.db"
+    command = [sys.executable, "-m", "companion.cli", "run", "--mission", str(mission), "--id", "1"]
+    options = [*surveying(mission), "--waive", "all", "--log", str(log), "--records", str(file)]
+    with subprocess.Popen([*command, *options]) as process:
+        try:
+            while "to arm" not in _text(log) and "nothing is armed" not in _text(log):
+                assert process.poll() is None
+            process.terminate()
+            assert process.wait(LIMIT_S) == 0
+        finally:
+            process.kill()
+    lines = _text(log)
+    assert f"records in memory alone, not in {file}, unable to open database file: 0 of 0 records" in lines
+    assert "GROUNDED, nothing is armed: records: unable to open database file" in lines
+
+
 @pytest.mark.parametrize("given", [True, False])
 def test_a_mission_that_surveys_has_its_records_in_a_file(mission: Path, tmp_path: Path, given: bool) -> None:
-    mission.write_text(MISSION + '[sensing]\nrange_m = 12.0\nsensor = "scan-1deg"\n[survey]\n')
-    options = ["--unsigned", "--autopilot", "udpout://127.0.0.1:9", "--peers", "udpout://127.0.0.1:9"]
-    options += ["--log", str(tmp_path / "flight.log"), "--sensor", "lidar=udpout://127.0.0.1:9"]
+    options = [*surveying(mission), "--log", str(tmp_path / "flight.log")]
     options += ["--records", str(tmp_path / "given.db")] if given else []
     command = [sys.executable, "-m", "companion.cli", "run", "--mission", str(mission), "--id", "1", *options]
     with subprocess.Popen(command) as process:

@@ -55,7 +55,7 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> tuple[Mission, Path]:
 
     with Progress(io.StringIO()) as progress:
         assert lockstep.fly(mission, folder, progress, in_process=True, airframes=body).succeeded
-    lines = write_stand(mission, folder)
+    lines = write_stand(mission, folder).lines
     assert any(line.startswith("stand: cloud: ") for line in lines), lines
     return mission, folder
 

@@ -100,7 +100,7 @@ class SignedExchange(RecordExchange):
     def _receive_signed(self, record: Record, sender: int, now_s: float) -> None:
         key, number = record.key, record.number
         holding = self._holdings.get(key, NONE)
-        if not (1 <= key.vehicle_id <= self._members and self._intake.knows(key.vehicle_id)):
+        if not (1 <= key.vehicle_id <= self.members and self._intake.knows(key.vehicle_id)):
             self.dropped["of unknown vehicles"] += 1
         elif key == self._own:
             self._receive_own(record, sender, now_s)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from companion.cloud.returns_reader import read_returns
+from companion.cloud.returns import StemReturns
+from companion.cloud.returns_reader import ReturnsFileError, read_returns
 from companion.stand.cloud.las import to_laz
 from companion.stand.cloud.merge import StandCloud, merge_returns
-from companion.stand.products.write import Products
+from companion.stand.products.write import Products, replace_file
+from companion.stand.records import RecordLike
+from companion.survey.observation import STEM_KIND
 from mission.document.model import Mission
 
 CLOUD_LAZ: Final = "cloud.laz"
@@ -24,18 +26,48 @@ class CloudWritten(NamedTuple):
     torn_bytes: int
 
 
-def write_cloud(files: Sequence[Path], stand: Products, mission: Mission, out_dir: Path) -> CloudWritten:
-    """Of the vehicles' files of returns, in whatever order. ReturnsFileError, OSError; the file is replaced whole."""
-    read = [read_returns(path) for path in sorted(files)]
+class VehicleReturns(NamedTuple):
+    """Passes in one vehicle's file."""
+
+    path: Path
+    passes: list[StemReturns]
+    torn_bytes: int
+
+
+def read_files(paths: Sequence[Path]) -> list[VehicleReturns]:
+    """Vehicles' files of returns, in whatever order. ReturnsFileError."""
+    return [VehicleReturns(path, *read_returns(path)) for path in sorted(paths)]
+
+
+def check_flight(file: VehicleReturns, records: Iterable[RecordLike]) -> str:
+    """Check that a file is of the flight that the records are of; the doubt that is left, in words, or "".
+
+    A pass bears the body of its record. ReturnsFileError: none of these is among `records`.
+    """
+    here = {(record.vehicle_id, record.body) for record in records if record.kind == STEM_KIND}
+    bodies = [(one.vehicle_id, one.body) for one in file.passes if one.body]
+    strange = sum(body not in here for body in bodies)
+    if not strange:
+        unknown = f"{file.path}: of which flight cannot be told: none of its stems has a record"
+        return unknown if file.passes and not bodies else ""
+    if strange == len(bodies):
+        vehicle_id = bodies[0][0]
+        raise ReturnsFileError(
+            f"{file.path}: returns of another flight, or mission: none of its {strange} stems is among the records; "
+            f"if vehicle {vehicle_id} flew here, and has delivered nothing, give its own store of records, too"
+        )
+    return f"{file.path}: {strange} of its {len(bodies)} stems are not among the records: never delivered, or of others"
+
+
+def write_cloud(files: Sequence[VehicleReturns], stand: Products, mission: Mission, out_dir: Path) -> CloudWritten:
+    """Of the vehicles' files of returns. OSError; the file is replaced whole."""
     passes = sorted(
-        (found for found, _ in read), key=lambda one: (one[0].vehicle_id, one[0].first_s) if one else (0, 0.0)
+        (one.passes for one in files), key=lambda one: (one[0].vehicle_id, one[0].first_s) if one else (0, 0.0)
     )
     cloud = merge_returns(passes, stand.harvest.observations, stand.fusion)
     file = out_dir / CLOUD_LAZ
-    scratch = out_dir / f".{CLOUD_LAZ}.part"
-    scratch.write_bytes(to_laz(cloud, None if mission.origin is None else mission.origin.wgs84))
-    os.replace(scratch, file)
-    return CloudWritten(file, cloud, sum(torn for _, torn in read))
+    replace_file(file, to_laz(cloud, None if mission.origin is None else mission.origin.wgs84))
+    return CloudWritten(file, cloud, sum(one.torn_bytes for one in files))
 
 
 def describe_cloud(written: CloudWritten) -> str:

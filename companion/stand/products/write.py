@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 from collections.abc import Callable, Iterable
@@ -57,14 +58,23 @@ def write_products(
     out_dir.mkdir(parents=True, exist_ok=True)
     files = []
     for name, made in _texts(mission, harvest, fusion, ground, origin_note):
-        file, data = out_dir / name, made()
-        scratch = out_dir / f".{name}.part"
-        scratch.write_bytes(data)
-        os.replace(scratch, file)
-        files.append(file)
+        files.append(out_dir / name)
+        replace_file(files[-1], made())
     for name in {GEOJSON, PAYLOAD_CSV} - {file.name for file in files}:
         (out_dir / name).unlink(missing_ok=True)  # of a time before: other stems, on another spot of Earth
     return Products(tuple(files), fusion, ground, harvest)
+
+
+def replace_file(file: Path, data: bytes) -> None:
+    """`data` for all that `file` held. OSError that names it; then it is as it was."""
+    scratch = file.with_name(f".{file.name}.part")
+    try:
+        scratch.write_bytes(data)
+        os.replace(scratch, file)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            scratch.unlink()
+        raise OSError(error.errno, f"cannot be written: {error.strerror}", str(file)) from error
 
 
 def _texts(

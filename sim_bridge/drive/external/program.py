@@ -25,6 +25,7 @@ from sim_bridge.drive.interrupts import interrupt_once, no_more_interrupts
 from sim_bridge.drive.links.router import open_sockets
 from sim_bridge.drive.live.map import Map
 from sim_bridge.errors import StartError
+from sim_bridge.judge import run_folder
 from sim_bridge.judge.outcome import Outcome, conclude
 from sim_bridge.judge.progress import Progress
 
@@ -60,7 +61,7 @@ def fly_external(
         stack.callback(autopilots.listener.close)
         mission = _meet(mission, autopilots, launched)
         assert mission.origin is not None
-        (folder / "mission.toml").write_text(dump_mission(mission), encoding="utf-8")
+        run_folder.write(folder / "mission.toml", dump_mission(mission).encode())
         autopilots.frame = LocalFrame(mission.origin.wgs84)
         if map_ is not None:
             map_.begin(folder / "mission.toml", mission.name or "flight", mission.swarm.size)

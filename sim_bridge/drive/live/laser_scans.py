@@ -59,4 +59,4 @@ class ForeignScans:
         if vehicle_id not in self._take:
             return self._ours.frames(vehicle_id, state, positions_ned_m, now_s)
         scan = self._take[vehicle_id](now_s)
-        return b"" if scan is None else self._drivers[vehicle_id].pack(obstacle_distance(scan))
+        return b"" if scan is None else self._drivers[vehicle_id].pack(obstacle_distance(scan, scan.taken_s))

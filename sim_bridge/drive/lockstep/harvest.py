@@ -20,10 +20,12 @@ from companion.records.record import BASE_ID, LogKey, RecordKind
 from companion.records.store import Batch, RecordStore, StoreError, Written
 from companion.records.write_queue import DirectWriter
 from companion.stand.summarise import DirectFusion
+from mission.common.exit_codes import EXIT_ENVIRONMENT
 from mission.common.frames import Vec3, enu_to_ned
 from mission.document.model import Mission
 from mission.stand.stand import Stand
 from sim_bridge.drive.lockstep.fleet_keys import FleetKeys
+from sim_bridge.errors import StartError
 from sim_bridge.world.radio import Radio
 from sim_bridge.world.world import World
 
@@ -72,7 +74,7 @@ class Harvest:
     ) -> None:
         """`folder`: of the run; None: all is kept in memory, and a companion that starts again has lost its disk.
 
-        `keys`: of a swarm that has them.
+        `keys`: of a swarm that has them. StartError: the base station's file cannot be written.
         """
         self.disks: Final = dict[int, SimulatedDisk]()  # those of companions in this process
         self._mission = mission
@@ -83,9 +85,11 @@ class Harvest:
         path = None if folder is None else folder / BASE_FILE
         self._keys = keys
         guard = None if keys is None else keys.guard(BASE_ID)
-        records = open_base(
-            mission, path, self._draw, made_s=BASE_MADE_S, is_synced=False, session=self._session(BASE_ID)
-        )
+        session = self._session(BASE_ID)
+        try:
+            records = open_base(mission, path, self._draw, made_s=BASE_MADE_S, is_synced=False, session=session)
+        except StoreError as error:
+            raise StartError(f"{path}: cannot be written: {error}", EXIT_ENVIRONMENT) from None
         self.base: Final = BaseStation(records, guard)
         self._pos_ned_m = base_place(mission, stand)
         radio.set_range(BASE_ID, mission.radio.full_range_m)

@@ -21,6 +21,7 @@ from mission.common.frames import Vec3
 from sim_bridge.drive.links.hub import RadioHub, Say, split
 from sim_bridge.drive.links.ports import PORT_MAX, Address, Listener, Reader, bound_socket
 from sim_bridge.drive.lockstep.harvest import base_place
+from sim_bridge.drive.serve.drivers_clock import DriversClock
 from sim_bridge.drive.ticks import world_tick
 from sim_bridge.errors import StartError
 from sim_bridge.judge.tick import Tick
@@ -191,6 +192,9 @@ class Server:
         self._sensors = {k: Clients() for k in ports.sensors}
         self._ground_port = Port(0)  # only to read
         self._steps = 0
+        self._drivers_clock = DriversClock(STEP_S)
+        for sensor in world.sensors:
+            sensor.set_clock(self._drivers_clock.stamp_s)
         self._listener = Listener()
         self._listener.listen(ports.ground, self._from_ground)
         self._listener.listen(ports.radio, self._from_radio)
@@ -225,6 +229,7 @@ class Server:
     def step(self, now_s: float) -> None:
         """STEP_S of the world, then everything that is due. `now_s`: wall time."""
         self.world.step(STEP_S)
+        self._drivers_clock.note_step(self.world.now_s, now_s)
         self._steps += 1
         if self._steps % round(1.0 / STEP_S) == 0:
             for clients in (self._ground, *self._onboard.values(), *self._sensors.values()):

@@ -106,7 +106,7 @@ def _messages(stand: Stand, middles: list[Vec3], seed: int) -> Callable[[], int]
     def job() -> int:
         for scan in scans:
             assert scan is not None
-            obstacle_distance(scan)
+            obstacle_distance(scan, scan.taken_s)
         return len(scans)
 
     return job

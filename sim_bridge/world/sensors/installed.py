@@ -26,7 +26,8 @@ class SensorModel(Protocol):
     def frames(self, vehicle_id: int, state: AirframeState, positions_ned_m: Mapping[int, Vec3], now_s: float) -> bytes:
         """MAVLink frames that this vehicle's driver sends at `now_s`, or none. Called at each step, in order of time.
 
-        `state`: the vehicle's; `positions_ned_m`: of all vehicles by id.
+        `state`: the vehicle's; `positions_ned_m`: of all vehicles by id. `now_s`: by the driver's clock, simulated time
+        in lockstep; where a world is served, wall time, which goes on when that falls behind.
         """
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -116,10 +116,15 @@ class Driver:
         self.lidar = lidar
         self._sender = wire.Sender(vehicle_id, dialect.MAV_COMP_ID_OBSTACLE_AVOIDANCE)
 
-    def frames(self, state: AirframeState, others_ned_m: Iterable[Vec3], now_s: float) -> bytes:
-        """As Lidar.scan, as a frame of OBSTACLE_DISTANCE; empty when there is no scan to tell."""
+    def frames(
+        self, state: AirframeState, others_ned_m: Iterable[Vec3], now_s: float, stamp_s: Callable[[float], float]
+    ) -> bytes:
+        """As Lidar.scan, as a frame of OBSTACLE_DISTANCE; empty when there is no scan to tell.
+
+        `stamp_s`: simulated time -> by the driver's clock.
+        """
         scan = self.lidar.scan(state, others_ned_m, now_s)
-        return b"" if scan is None else self._sender.pack(obstacle_distance(scan))
+        return b"" if scan is None else self._sender.pack(obstacle_distance(scan, stamp_s(scan.taken_s)))
 
 
 class Lidars(SimulatedSensor):
@@ -137,7 +142,7 @@ class Lidars(SimulatedSensor):
     def frames(self, vehicle_id: int, state: AirframeState, positions_ned_m: Mapping[int, Vec3], now_s: float) -> bytes:
         """OBSTACLE_DISTANCE, or nothing."""
         others = [pos_ned_m for other, pos_ned_m in positions_ned_m.items() if other != vehicle_id]
-        return self._drivers[vehicle_id].frames(state, others, now_s)
+        return self._drivers[vehicle_id].frames(state, others, now_s, self.stamp_s)
 
 
 def lidars_of(mission: Mission, stand: Stand, ids: Sequence[int]) -> Lidars | None:
@@ -160,17 +165,17 @@ def bodies(eye_ned_m: Vec3, others_ned_m: Iterable[Vec3], radius_m: float, withi
     ]
 
 
-def obstacle_distance(scan: Scan) -> dialect.MAVLink_obstacle_distance_message:
+def obstacle_distance(scan: Scan, stamped_s: float) -> dialect.MAVLink_obstacle_distance_message:
     """OBSTACLE_DISTANCE (330) as drivers send it: centimetres clockwise from ahead.
 
     max_distance + 1: nothing there; UINT16_MAX: not measured (common.xml). A laser, MAV_FRAME_BODY_FRD, 5 degrees a
     sector in `increment_f`, and rounded in `increment` for receivers that know no other. It speaks as the vehicle's
-    component MAV_COMP_ID_OBSTACLE_AVOIDANCE.
+    component MAV_COMP_ID_OBSTACLE_AVOIDANCE. `stamped_s`: when it was taken, by the driver's clock.
     """
     nothing_cm = round(scan.range_max_m * 100.0) + 1
     step_deg = math.degrees(STEP_RAD)
     return dialect.MAVLink_obstacle_distance_message(
-        time_usec=round(scan.taken_s * 1e6),
+        time_usec=round(stamped_s * 1e6),
         sensor_type=dialect.MAV_DISTANCE_SENSOR_LASER,
         distances=[
             UNKNOWN_CM if math.isnan(range_m) else nothing_cm if math.isinf(range_m) else round(range_m * 100.0)

@@ -112,7 +112,7 @@ class RangeRadios(SimulatedSensor):
 
     def _encode_ranges(self, vehicle_id: int, ranges: list[tuple[int, float, float]], now_s: float) -> bytes:
         send = self._drivers[vehicle_id].frame
-        time_boot_ms = struct.pack("<I", round(now_s * 1e3) & 0xFFFFFFFF)
+        time_boot_ms = struct.pack("<I", round(self.stamp_s(now_s) * 1e3) & 0xFFFFFFFF)
         return b"".join(
             send(dialect.MAVLINK_MSG_ID_SWARM_RANGES, time_boot_ms + pack_ranges(ranges[at : at + MOST]))
             for at in range(0, len(ranges), MOST)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -120,20 +120,23 @@ class RawDriver:
         self.lidar = lidar
         self._sender = wire.Sender(vehicle_id, dialect.MAV_COMP_ID_OBSTACLE_AVOIDANCE)
 
-    def frames(self, state: AirframeState, others: Others, now_s: float) -> bytes:
-        """As RawLidar.scan, as frames of SWARM_LIDAR_SCAN; empty when there is no scan to tell."""
+    def frames(self, state: AirframeState, others: Others, now_s: float, stamp_s: Callable[[float], float]) -> bytes:
+        """As RawLidar.scan, as frames of SWARM_LIDAR_SCAN; empty when there is no scan to tell. `stamp_s`: `pieces`."""
         scan = self.lidar.scan(state, others, now_s)
         if scan is None:
             return b""
-        return b"".join(self._sender.frame(LIDAR_SCAN_ID, payload) for payload in self.pieces(scan))
+        return b"".join(self._sender.frame(LIDAR_SCAN_ID, payload) for payload in self.pieces(scan, stamp_s))
 
-    def pieces(self, scan: RawScan) -> Iterator[bytes]:
-        """Payloads of a turn, in the order of their times; those in which nothing was measured are not sent."""
+    def pieces(self, scan: RawScan, stamp_s: Callable[[float], float]) -> Iterator[bytes]:
+        """Payloads of a turn, in the order of their times; those in which nothing was measured are not sent.
+
+        `stamp_s`: simulated time -> by the driver's clock.
+        """
         pattern, max_m = self.lidar.pattern, self.lidar.max_m
         mm = np.where(np.isinf(scan.ranges_m), NOTHING_MM, np.round(1000.0 * scan.ranges_m))
         told = np.where(np.isnan(mm), NOT_MEASURED_MM, mm).astype(int)
         for first in range(0, told.shape[1], PIECE_RAYS):
-            time_us = round((scan.taken_s - pattern.ages_s[first]) * 1e6)
+            time_us = round(stamp_s(scan.taken_s - pattern.ages_s[first]) * 1e6)
             for layer, elevation_deg in enumerate(pattern.elevations_deg):
                 ranges_mm = told[layer, first : first + PIECE_RAYS]
                 if ranges_mm.any():
@@ -173,7 +176,7 @@ class RawLidars(SimulatedSensor):
             for other, pos_ned_m in positions_ned_m.items()
             if other != vehicle_id
         ]
-        return self._drivers[vehicle_id].frames(state, others, now_s)
+        return self._drivers[vehicle_id].frames(state, others, now_s, self.stamp_s)
 
     def _place(self, positions_ned_m: Mapping[int, Vec3], now_s: float) -> None:
         gone_s = now_s - self._placed_s

@@ -14,6 +14,11 @@ from sim_bridge.errors import StartError
 from sim_bridge.world.airframe.state import AirframeState
 
 
+def stamp_simulated(now_s: float) -> float:
+    """A driver's clock in lockstep: simulated time."""
+    return now_s
+
+
 class SimulatedSensor(ABC):
     """One kind of sensor of all vehicles. `sim_bridge.world.sensors.table` lists those that a mission has."""
 
@@ -26,6 +31,11 @@ class SimulatedSensor(ABC):
         self.name = name
         self.by_autopilot = by_autopilot
         self.is_optical = is_optical
+        self.stamp_s: Callable[[float], float] = stamp_simulated
+
+    def set_clock(self, stamp_s: Callable[[float], float]) -> None:
+        """Sets what the drivers stamp by: simulated time -> their own clock, which never goes back, s."""
+        self.stamp_s = stamp_s
 
     def set_errors(self, errors: Mapping[int, tuple[float, ...]]) -> None:  # noqa: B027 - a sensor may have none
         """Sets by how much more those of these vehicles are wrong, by id; the others as the mission says."""
@@ -48,9 +58,9 @@ class ModelSensor(SimulatedSensor):
         self._frames: Final[Callable[..., object]] = model.frames
 
     def frames(self, vehicle_id: int, state: AirframeState, positions_ned_m: Mapping[int, Vec3], now_s: float) -> bytes:
-        """As the model has it. StartError for an exception of its own, and for what are no bytes."""
+        """As the model has it, by its driver's clock. StartError: an exception of its own, or no bytes."""
         try:
-            data = self._frames(vehicle_id, state, positions_ned_m, now_s)
+            data = self._frames(vehicle_id, state, positions_ned_m, self.stamp_s(now_s))
         except Exception as error:
             raise refuse_sensor(f"{self._title}: frames: {type(error).__name__}: {error}") from error
         if not isinstance(data, bytes):

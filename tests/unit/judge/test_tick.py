@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+import resource
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
 
 from companion.core.model.states import SwarmPhase
@@ -14,6 +16,7 @@ from sim_bridge.judge import recording
 from sim_bridge.judge.recording import Recorder, Trace, assembled
 from tests.unit.judge.tick_kit import a_tick
 
+ROOM_BYTES = 1000  # less than four ticks take
 SPEED: Any = ((0.0, 0.0, 0.1),) * 3
 
 
@@ -60,30 +63,35 @@ def test_a_claim_of_a_companion_that_did_not_answer_since_is_no_claim_until_it_s
     assert recorder.recording().acting[:, 1].tolist() == [True, False, False, True]
 
 
+@contextlib.contextmanager
+def room_for(size_bytes: int) -> Iterator[None]:
+    """Files of this process grow no further, as on a full disk: what is beyond is refused, a part may be taken."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size_bytes, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
 @pytest.mark.sources  # its constant is compiled into what is
-@pytest.mark.parametrize("where", ["disk", "memory", "full disk"])
+@pytest.mark.parametrize("where", ["disk", "memory", "disk that is full for a while", "full disk"])
 def test_a_long_recording_is_kept_as_it_was_and_only_its_last_ticks_as_rows(
     where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(recording, "KEPT_TICKS", 4)
-    saved = np.save
-    full = where == "full disk"
-
-    def save(file: Any, array: Any, **options: Any) -> None:
-        saved(file, array, **options)
-        if full and array.dtype == np.int8:
-            raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(np, "save", save)
+    full_until = {"disk that is full for a while": 9, "full disk": 15}.get(where, 0)
+    filed_from = 0 if where == "disk" else 11 if full_until == 9 else 15  # a chunk's last tick, with room again
     recorder = Recorder(None if where == "memory" else tmp_path)
     ticks = [a_tick(time_s, pos_ned_m=((time_s, 0.0, 0.0),) * 3) for time_s in range(1, 15)]
     for k, tick in enumerate(ticks):
-        full &= k < 9  # then there is space again
-        recorder.add(tick)
+        with room_for(ROOM_BYTES if k < full_until else resource.RLIM_INFINITY):
+            recorder.add(tick)
         assert recorder.last == recorder.row(tick)
         assert len(recorder._rows) < 4
-        assert len(recorder._arrays) == {"disk": 0, "memory": (k + 1) // 4, "full disk": (k + 1) // 4 % 3}[where]
-    assert recorder.recording().time_s.tolist() == list(range(1, 15))
+        assert len(recorder._arrays) == (0 if k >= filed_from else (k + 1) // 4)
+    with room_for(ROOM_BYTES if where == "full disk" else resource.RLIM_INFINITY):
+        assert recorder.recording().time_s.tolist() == list(range(1, 15))
     recorder.add(ticks[-1])
     assert recorder.recording().time_s.tolist() == [*range(1, 15), 14]
     whole = assembled([recorder.row(tick) for tick in (*ticks, ticks[-1])])

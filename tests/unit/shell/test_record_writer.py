@@ -101,6 +101,7 @@ def test_a_file_that_cannot_be_opened_is_said_and_the_companion_flies_on(tmp_pat
         path, file = tmp_path / "none" / "a.db", tmp_path / "m.toml"
         records = records_of(surveying(), 1, path, opened, mission_file=file, beside_loop=False)
         assert records.lines() == ["records: unable to open database file: in memory"]
+        assert records.unstored == "unable to open database file"
         records.append(RecordKind.STEM, b"x", 1.0)
         records.frames(1.0, 0)
         assert records.progress().made == 1

@@ -133,3 +133,31 @@ def test_a_file_that_holds_no_returns_is_refused_by_name(tmp_path: Path, capsys:
     call = ["stand", str(database), "--mission", str(tmp_path / "m.toml"), "--out", str(tmp_path / "out")]
     assert main([*call, "--cloud", str(tmp_path / "m.toml")]) == 2
     assert "m.toml: holds no returns of a survey" in capsys.readouterr().err
+
+
+def test_returns_of_another_flight_are_refused_and_those_of_some_stems_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("laspy")
+    records, bodies = surveyed()
+    database = stored(records, tmp_path / "base.db")
+    (tmp_path / "m.toml").write_text(TEXT)
+    theirs = [body[:-1] + bytes([body[-1] ^ 1]) for body in bodies[2]]
+    call = ["stand", str(database), "--mission", str(tmp_path / "m.toml"), "--out", str(tmp_path / "out"), "--cloud"]
+    passes = {
+        "another": passes_of(2, theirs),
+        "not_flown": passes_of(3, bodies[2]),
+        "mixed": [*passes_of(2, theirs), *passes_of(2, bodies[2])],
+        "thin": [returns_at()],
+    }
+    for name, some in passes.items():
+        ReturnsFile(tmp_path / name).write([encode_returns(one) for one in some])
+    for name, vehicle_id in (("another", 2), ("not_flown", 3)):
+        assert main([*call, str(tmp_path / name)]) == 2
+        said = f"{name}: returns of another flight, or mission: none of its 4 stems is among the records; if vehicle "
+        assert f"{said}{vehicle_id} flew here" in capsys.readouterr().err
+        assert not (tmp_path / "out").exists()
+    assert main([*call, str(tmp_path / "mixed"), str(tmp_path / "thin")]) == 0
+    out = capsys.readouterr().out
+    assert f"{tmp_path / 'mixed'}: 4 of its 8 stems are not among the records: never delivered, or of others" in out
+    assert f"{tmp_path / 'thin'}: of which flight cannot be told: none of its stems has a record" in out

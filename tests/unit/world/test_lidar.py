@@ -215,7 +215,7 @@ def test_a_late_scan_is_told_late_and_says_when_it_was_taken() -> None:
 
 def test_the_message_is_what_drivers_send() -> None:
     ranges_m = (0.4, math.inf, math.nan, *([8.0] * 69))
-    message = obstacle_distance(Scan(12.3456, ranges_m, 0.2, 8.0))
+    message = obstacle_distance(Scan(12.3456, ranges_m, 0.2, 8.0), 12.3456)
     assert message.distances[:4] == [40, 801, 65535, 800]
     assert (message.min_distance, message.max_distance) == (20, 800)
     assert (message.increment, message.increment_f, message.angle_offset) == (5, pytest.approx(5.0), 0.0)

@@ -16,6 +16,7 @@ from mission.stand.stand import Stand, StandTree
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.sensors.raw_lidar import RawDriver, RawLidar, RawScan, raw_lidars_of
 from sim_bridge.world.sensors.scene import Scene
+from sim_bridge.world.sensors.simulated import stamp_simulated
 from sim_bridge.world.sensors.table import link_name, simulated_sensors
 
 EXACT = LidarErrors(noise_m=0.0, dropout=0.0)
@@ -124,7 +125,7 @@ def test_errors_of_a_fault_come_on_top_and_outside_the_field_of_view_nothing_is_
 def pieces_of(driver: RawDriver, at_s: float = 0.45) -> list[LidarPiece]:
     framing, found = Framing(), []
     for k in range(round(at_s / 0.05) + 1):
-        for m in framing.parse(driver.frames(state(), (), 0.05 * k)):
+        for m in framing.parse(driver.frames(state(), (), 0.05 * k, stamp_simulated)):
             piece = decode_lidar_scan(m)
             assert piece is not None
             found.append(piece)
@@ -152,7 +153,7 @@ def test_a_turn_is_sent_in_pieces_each_with_its_own_time(sensor: str, count: int
 def test_what_was_not_measured_is_not_sent() -> None:
     scan = RawScan(1.0, 1, np.full((1, 360), math.nan))
     scan.ranges_m[0, 100] = math.inf
-    (payload,) = RawDriver(lidar(Stand()), 7).pieces(scan)
+    (payload,) = RawDriver(lidar(Stand()), 7).pieces(scan, stamp_simulated)
     assert len(payload) > 200
 
 

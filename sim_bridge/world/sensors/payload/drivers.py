@@ -55,7 +55,7 @@ class PayloadModels(SimulatedSensor):
             found.append(
                 dialect.MAVLink_hygrometer_sensor_message(0, round(100.0 * temperature_c), round(100.0 * humidity_pct))
             )
-        time_ms = round(now_s * 1e3) & 0xFFFFFFFF
+        time_ms = round(self.stamp_s(now_s) * 1e3) & 0xFFFFFFFF
         for name, draw in zip(self._named, draws[2:], strict=True):
             light_lx = truth.light_lx * (1.0 + LIGHT_SD * draw)
             found.append(dialect.MAVLink_named_value_float_message(time_ms, name.encode(), light_lx))

@@ -7,7 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from companion.core.model.events import LidarScan, ObstacleScan
 from companion.mavlink import dialect as mav
+from companion.sensors.obstacle_sensor import ObstacleSensor
+from companion.sensors.raw_lidar import RawLidar
 from mission.document.load import parse_mission
 from mission.document.model import Mission
 from sim_bridge.drive.serve import notice
@@ -55,6 +58,40 @@ def test_whoever_speaks_to_a_sensor_gets_its_scans_and_no_others(served: Server,
     assert 19 <= len(scans) <= 21
     for client in (agent, stranger):
         client.socket.close()
+
+
+@pytest.mark.parametrize(
+    ("table", "receiver", "lasts_s"),
+    [
+        ("[sensing]", ObstacleSensor(1.0), 0.0),
+        ('[sensing]\nsensor = "scan-1deg"\nrange_m = 12.0', RawLidar(1.0), 0.1),
+    ],
+)
+def test_scans_are_not_late_where_the_world_falls_behind(
+    table: str, receiver: ObstacleSensor | RawLidar, lasts_s: float, ports: Ports
+) -> None:
+    mission = parse_mission(MISSION + TREE.replace("[sensing]", table)).with_origin(DEFAULT_ORIGIN)
+    world = World(mission, lambda _frame, place, _seed: PointMass(place, 0.0), links=PROFILES)
+    served = Server(world, ports, say=ignore)
+    agent = sensor(ports, 2)
+    slow_s, stall_s, fast_s = 2.0 * STEP_S, 3.0, STEP_S / 2.0  # wall time of a step
+    now_s, ages_s = 100.0, []
+    for wall_s in (*[slow_s] * 400, stall_s, *[fast_s] * 50, *[STEP_S] * 400):
+        now_s += wall_s
+        agent.send(b"anything")
+        turn(served, now_s=now_s)
+        receiver.read_autopilot(mav.MAVLink_attitude_message(0, *(0.0,) * 6), now_s)
+        for message in agent.messages():
+            receiver.decode(message, message.get_srcComponent(), now_s)
+        for scan in receiver.collect(now_s):
+            assert isinstance(scan, ObstacleScan | LidarScan)
+            ages_s.append((wall_s, scan.age_s))
+    served.close()
+    agent.socket.close()
+    behind, caught_up = ([age_s for at_s, age_s in ages_s if at_s == wall_s] for wall_s in (slow_s, STEP_S))
+    assert min(len(behind), len(caught_up)) >= 38
+    assert max(behind) <= 2.0 * lasts_s + 0.001  # by the wall clock a turn lasts twice as long
+    assert max(caught_up[-38:]) <= lasts_s + 0.05
 
 
 def test_client_that_falls_silent_is_forgotten(served: Server, ports: Ports) -> None:

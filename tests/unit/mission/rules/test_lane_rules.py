@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from mission.check.findings import check_document
 from mission.common.problems import MissionError
-from mission.document.load import parse_document
+from mission.document.load import parse_document, parse_mission
 from mission.document.model import Mission
 
 AREA = [[20.0, -30.0], [120.0, -30.0], [120.0, 30.0], [20.0, 30.0]]
@@ -47,6 +49,30 @@ def test_more_vehicles_take_fewer_lanes() -> None:
 def test_lanes_take_the_place_of_stops() -> None:
     with pytest.raises(ValueError, match=r"route\.stops .*must be left out: lanes are flown instead"):
         surveying(route={"stops": [{"pos_enu_m": [20.0, 0.0, 4.0]}]})
+
+
+EXAMPLE = Path(__file__).parents[4] / "mission" / "examples" / "stand_by_lanes.toml"
+
+
+@pytest.mark.parametrize(
+    ("area", "place"),
+    [
+        ("5", ""),
+        ("[[0.0, 0.0], [80.0, 0.0]]", ""),
+        ('[[0.0, 0.0], [80.0, 0.0], [80.0, "x"]]', "[2][1]"),
+        ("[[0.0, 0.0], [80.0, 0.0], [0.0, 60.0], [80.0, 60.0]]", ""),
+        ("[[-20000.0, -20000.0], [20000.0, -20000.0], [20000.0, 20000.0], [-20000.0, 20000.0]]", ""),
+    ],
+)
+def test_a_wrong_area_is_blamed_and_nothing_that_a_mission_without_one_would_need(area: str, place: str) -> None:
+    text = re.sub(r"(?m)^area_enu_m = .*", f"area_enu_m = {area}", EXAMPLE.read_text())
+    d2_beside, d2_at_d1 = "d2_enu_m = [-25.0, 25.0, 4.0]", "d2_enu_m = [-25.0, 0.0, 4.0]"
+    for before, after in (("", ""), ('at_end = "land"', 'at_end = "hold"'), (d2_beside, d2_at_d1)):
+        assert before in text
+        with pytest.raises(MissionError) as refused:
+            parse_mission(text.replace(before, after, 1))
+        blamed = [problem.key for problem in refused.value.problems if not problem.key.startswith("forest")]
+        assert blamed == [f"survey.area_enu_m{place}"]
 
 
 def test_more_lanes_than_beacons_can_count_are_refused() -> None:
