@@ -300,3 +300,26 @@ def test_faults_excuse_those_that_they_struck_and_no_danger(
     changes: dict[str, Any], faults: list[FaultEvent], grade: Grade
 ) -> None:
     assert judge(figures(**changes), a_mission(), "coverage complete", faults=faults).grade is grade
+
+
+@pytest.mark.parametrize(
+    ("kind", "struck", "gnss", "grade"),
+    [
+        (FaultKind.POSITION_FREEZE, 1, "leader", Grade.DEGRADED),
+        (FaultKind.GNSS_OUTAGE, 1, "leader", Grade.DEGRADED),
+        (FaultKind.POSITION_FREEZE, 2, "leader", Grade.INCOMPLETE),  # it has none
+        (FaultKind.WIND, 1, "leader", Grade.INCOMPLETE),
+        (FaultKind.POSITION_FREEZE, 1, "all", Grade.INCOMPLETE),  # another one leads
+        (FaultKind.POSITION_FREEZE, 1, [1, 2], Grade.INCOMPLETE),
+    ],
+)
+def test_where_the_one_position_of_satellites_was_struck_nobody_knows_the_way(
+    kind: FaultKind, struck: int, gnss: str | list[int], grade: Grade
+) -> None:
+    starts = [[8.0 * k, 0.0, 0.0] for k in range(8)]
+    tables = a_mission().model_dump(by_alias=True)
+    swarm = tables["swarm"] | {"size": 8, "gnss": gnss, "leader_priority": [1, 2]}
+    mission = Mission.model_validate(tables | {"swarm": swarm, "ranging": {"start_enu_m": starts}})
+    faults = [a_fault(kind, struck)]
+    behind = {"arrived": False, "absent": tuple(range(1, 9))}
+    assert judge(figures(**behind), mission, "all landed", faults=faults).grade is grade
