@@ -72,7 +72,7 @@ class WriteQueue:
 
     @property
     def pending(self) -> int:
-        """Those of them that a disk that has not failed takes with the next write."""
+        """Number of them that the next write takes; 0 while the disk fails."""
         return 0 if self._is_failing else self.waiting
 
     def add_own(self, kind: RecordKind, body: bytes, now_s: float) -> None:

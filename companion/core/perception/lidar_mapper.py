@@ -194,7 +194,7 @@ def _add_flat_ray(flattest: FlattestRays, scan: LidarScan, k: int, way_ned: Vec3
 
 
 def _level_m(scan: LidarScan, k: int, way_ned: Vec3, own: Position) -> float:
-    """How far a ray went, level; inf: nothing stopped it, nan: what did is not at the vehicle's height."""
+    """Level range of a ray; inf: nothing stopped it, nan: what did is not at the vehicle's height."""
     n, e, d = way_ned
     range_m = scan.ranges_m[k]
     if range_m > scan.max_m:
@@ -205,7 +205,7 @@ def _level_m(scan: LidarScan, k: int, way_ned: Vec3, own: Position) -> float:
 
 
 def _eye_of(scan: LidarScan, k: int, own: Position) -> tuple[float, float]:
-    """Where the vehicle was when that ray was measured, north and east."""
+    """Position of the vehicle when that ray was measured, north and east."""
     age_s = scan.age_s - k * scan.ray_time_s
     return own.pos_ned_m[0] - own.vel_ned_mps[0] * age_s, own.pos_ned_m[1] - own.vel_ned_mps[1] * age_s
 
