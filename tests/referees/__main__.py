@@ -50,6 +50,7 @@ class _Chosen(NamedTuple):
     n: Sequence[int]
     seed: int | None
     estimates: Sequence[str]
+    sensors: Sequence[str]
 
     def cases(self, referee: Referee) -> list[Case]:
         """Those of `referee` that are asked for."""
@@ -62,6 +63,7 @@ class _Chosen(NamedTuple):
             if (not self.only or case.name.startswith(tuple(self.only)))
             and (not self.n or case.n in self.n)
             and (not self.estimates or case.estimates in self.estimates)
+            and (not self.sensors or case.sensor in self.sensors)
         ]
 
 
@@ -73,6 +75,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("-n", type=int, action="append", default=[], help="vehicles (default: what the referee flies)")
     parser.add_argument("--seed", type=int, help="instead of the referee's")
     parser.add_argument("--estimates", action="append", default=[], help="of autopilots (default: the referee's)")
+    parser.add_argument("--sensor", action="append", default=[], help="of obstacles (default: the referee's)")
     parser.add_argument("--workers", type=int, default=worker_count(), help="processes")
     parser.add_argument("--rows", type=Path, metavar="FILE", help="a line for each flight; what is there is not flown")
     parser.add_argument("--kept", action="store_true", help="fly nothing: tables of what --rows has")
@@ -80,7 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if unknown := [name for name in args.referee if name not in REFEREES]:
         parser.error(f"there is no referee {', '.join(unknown)}: {', '.join(REFEREES)}")
-    chosen = _Chosen(args.only, args.n, args.seed, args.estimates)
+    chosen = _Chosen(args.only, args.n, args.seed, args.estimates, args.sensor)
     code = EXIT_DONE
     flown: list[Row] = []
     for name in args.referee or REFEREES:
@@ -120,8 +123,9 @@ def _flights(name: str, cases: Sequence[Case], workers: int, path: Path | None) 
             row = {"referee": name, "commit": commit, **future.result()}
             found[case_of(row)] = row
             left_s = (time.monotonic() - began_s) / count * (len(todo) - count)
-            told = f"{row['name']}, n = {row['n']}, seed {row['seed']}, {row['estimates']}: {row['grade']}"
-            print(f"{name} {count}/{len(todo)}, {left_s / 60.0:.0f} min left: {told}", file=sys.stderr)
+            of_case = case_of(row)
+            told = f"{of_case.name}, n = {of_case.n}, seed {of_case.seed}, {of_case.estimates}, {of_case.sensor}"
+            print(f"{name} {count}/{len(todo)}, {left_s / 60.0:.0f} min left: {told}: {row['grade']}", file=sys.stderr)
             if path is not None:
                 with path.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(row) + "\n")

@@ -30,7 +30,8 @@ def _flights() -> dict[Case, MissionCase]:
 def _case(flight: MissionCase) -> Case:
     mission = flight.mission
     name = f"{flight.run} {mission.route.vel_leader_mps:g} m/s"
-    return Case(name, flight.n, flight.seed, mission.sim.estimates.value)
+    assert mission.sensing is not None
+    return Case(name, flight.n, flight.seed, mission.sim.estimates.value, mission.sensing.sensor.value)
 
 
 def cases() -> list[Case]:

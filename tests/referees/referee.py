@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from mission.schema.kinds import SensorClass
+
 Row = dict[str, Any]  # the case's keys, `grade`, and the referee's own figures; plain values, as JSON keeps them
 
 
@@ -18,6 +20,7 @@ class Case:
     n: int
     seed: int
     estimates: str  # as sim.estimates
+    sensor: str = SensorClass.SECTORS.value  # as sensing.sensor
 
     def row(self, grade: str, **figures: Any) -> Row:
         """How it went: "clear" is as good as can be."""
@@ -26,7 +29,7 @@ class Case:
 
 def case_of(row: Row) -> Case:
     """The case that `row` is of."""
-    return Case(row["name"], row["n"], row["seed"], row["estimates"])
+    return Case(row["name"], row["n"], row["seed"], row["estimates"], row.get("sensor", SensorClass.SECTORS.value))
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,6 +19,7 @@ from typing import Any, Final
 
 from mission.common.plane import Point
 from mission.document.model import Mission
+from mission.schema.kinds import SensorClass
 from mission.schema.trees import StandTree
 from mission.stand.stand import stand_of
 from sim_bridge.lab.study.backends.agents import fly_stack
@@ -27,8 +28,9 @@ from tests.referees.grid import Disc, shortest_way_m
 from tests.referees.referee import Case, Row
 from tests.referees.way import Way
 
-SIZES: Final = (1, 4, 8)
-ESTIMATES: Final = ("recorded", "exact")
+ESTIMATES: Final = "recorded"
+RAW, SECTORS = SensorClass.SCAN_1DEG.value, SensorClass.SECTORS.value
+FLOWN: Final = ((RAW, 1), (RAW, 4), (RAW, 8), (SECTORS, 1))  # sensors and sizes; sectors beside what rays tell
 SHARES: Final = (0.2, 0.35, 0.5, 0.65, 0.8)  # of the plot's side: where lines cross it
 BEYOND_M: Final = 20.0
 UP_M: Final = 3.0
@@ -89,7 +91,7 @@ def as_stems(table: str, plot: Plot) -> str:
 def cases() -> list[Case]:
     """Every line of every plot."""
     names = [f"{plot} {way} {k}" for plot in PLOTS for way in ("east", "north") for k in range(1, len(SHARES) + 1)]
-    return [Case(name, n, 1, kind) for kind in ESTIMATES for n in SIZES for name in names]
+    return [Case(name, n, 1, ESTIMATES, sensor) for sensor, n in FLOWN for name in names]
 
 
 def line(name: str) -> tuple[Point, Point]:
@@ -102,12 +104,13 @@ def line(name: str) -> tuple[Point, Point]:
 
 
 def mission_of(case: Case) -> Mission:
-    """Along its line, by what is scanned."""
+    """Along its line, by what is scanned, at a height over the ground."""
     d1, d2 = line(case.name)
     route = {"d1_enu_m": (*d1, UP_M), "d2_enu_m": (*d2, UP_M), "vel_leader_mps": 3.0, "at_end": "land"}
     sim = {"seed": case.seed, "estimates": case.estimates, "placement": "ring", "time_limit_s": TIME_LIMIT_S}
+    sim |= {"range_finder": True}
     tables: dict[str, Any] = {"route": route, "swarm": {"size": case.n}, "forest": {"file": FILE}, "sim": sim}
-    tables |= {"sensing": {"range_m": 12.0}, "coverage": {"duration_s": 30.0}}
+    tables |= {"sensing": {"range_m": 12.0, "sensor": case.sensor}, "coverage": {"duration_s": 30.0}}
     tables |= {"fence": {"altitude_min_m": 1.5, "altitude_max_m": 6.0}}
     return Mission.model_validate({"schema": 1, "name": case.name, **tables}).with_origin(DEFAULT_ORIGIN)
 

@@ -17,7 +17,10 @@ def test_each_forest_is_flown_fifteen_times_at_each_speed() -> None:
     assert Counter(case.name for case in cases()) == {
         f"{forest} {speed} m/s": 30 for forest in ("medium", "dense") for speed in (1, 2, 3)
     }
-    assert {(case.n, case.estimates) for case in cases()} == {(1, "recorded"), (1, "exact")}
+    assert {(case.n, case.estimates, case.sensor) for case in cases()} == {
+        (1, "recorded", "scan-1deg"),
+        (1, "recorded", "sectors"),
+    }
 
 
 def test_the_table_stands_beside_theirs() -> None:
@@ -28,13 +31,13 @@ def test_the_table_stands_beside_theirs() -> None:
         third.row("contact", way_m=None, time_s=None, **STAND),
     ]
     text = section(rows, "abc")
-    assert "seeds 1000 to 1002, JSBSim, n = 1." in text
-    line = "| medium | 1 | 1000, 18 cm | 11 m | 12/15 | `recorded` | 2/3 (21% to 94%) | 1 | 0 | 0.90 ± 0.07 | 62 ± 3 |"
+    assert "seeds 1000 to 1002, JSBSim, n = 1, estimates `recorded`, heights by range finder." in text
+    line = "| medium | 1 | 1000, 18 cm | 11 m | 12/15 | `scan-1deg` | 2/3 (21% to 94%) | 1 | 0 | 0.90 ± 0.07 | 62 ± 3 |"
     assert line in text
 
 
 def test_a_flight_of_the_protocol() -> None:
-    row = fly_through(Case("medium 3 m/s", 1, 1000, "recorded"))
+    row = fly_through(Case("medium 3 m/s", 1, 1000, "recorded", "scan-1deg"))
     assert row["grade"] == "clear", row["verdict"]
     assert 50.0 < row["way_m"] < 65.0
     assert 0.0 < row["way_m"] / row["time_s"] < 3.3

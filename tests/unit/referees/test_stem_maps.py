@@ -13,7 +13,7 @@ from tests.referees.stem_maps import PLOTS, UP_M, as_stems, cases, discs_of, fly
 from tests.referees.stem_maps_table import section
 
 TREE = StandTree(3.0, 4.0, 0.2, 20.0, 12.0, 2.5, "spruce")
-ALONE = Case("waka east 1", 1, 1, "recorded")
+ALONE = Case("waka east 1", 1, 1, "recorded", "scan-1deg")
 FLOWN = ALONE.row("clear", contacts_crowns=0, way_m=110.0, shortest_m=100.0)
 
 
@@ -61,14 +61,14 @@ def test_without_a_way_there_is_none() -> None:
 def test_the_table_has_each_line_and_leaves_out_what_was_not_flown() -> None:
     other = {**FLOWN, "n": 8, "name": "waka east 2", "grade": "contact", "contacts_crowns": 1}
     text = section([FLOWN, other], "abc")
-    assert "| waka | `recorded` | 1 | 1 | 1 | 0 | 0 | 0 (0) | +10.0%, +10.0% (of 1) |" in text
-    assert "| waka | `recorded` | 8 | 1 | 0 | 0 | 0 | 1 (1) |  |" in text
+    assert "| waka | `scan-1deg` | 1 | 1 | 1 | 0 | 0 | 0 (0) | +10.0%, +10.0% (of 1) |" in text
+    assert "| waka | `scan-1deg` | 8 | 1 | 0 | 0 | 0 | 1 (1) |  |" in text
     assert "| waka east 1 | clear, +10.0% |  |" in text
     assert "| waka east 2 |  | contact |" in text
 
 
 @pytest.mark.skipif(bool(missing()), reason="r-cran-spatstat.data is not installed")
 def test_a_line_is_flown_across_a_plot() -> None:
-    row = fly_line(Case("spruces north 3", 1, 1, "exact"))
+    row = fly_line(Case("spruces north 3", 1, 1, "recorded", "scan-1deg"))
     assert row["grade"] == "clear", row["verdict"]
     assert 0.99 * row["shortest_m"] <= row["way_m"] < 1.3 * row["shortest_m"]
