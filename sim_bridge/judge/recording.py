@@ -167,7 +167,8 @@ class Recorder:
 def _write_all(file: IO[bytes], data: memoryview) -> None:
     """`data` into an unbuffered file, which may take less at a time, as the last that a disk has room for. OSError."""
     while data:
-        data = data[file.write(data) :]
+        written = file.write(data)  # in a line of its own: compiled, a call within a slice is made twice
+        data = data[written:]
 
 
 def joined(parts: Sequence[Recording]) -> Recording:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType, SimpleNamespace
 from typing import Any
@@ -28,7 +29,7 @@ from sim_bridge.lab.search import draw as drawing
 from sim_bridge.lab.search import flight, program, shrink, summary
 from sim_bridge.lab.search.draw import MOST_FAULTS, Drawn, draw
 from sim_bridge.lab.search.invariants import Alone, Pilots, Progress, Setpoints
-from sim_bridge.lab.search.kept_records import find_lacking_records
+from sim_bridge.lab.study.jobs import Done
 from sim_bridge.world.autopilot import Px4Mode
 from tests.flights import short_mission
 from tests.unit.judge.tick_kit import a_tick
@@ -90,45 +91,6 @@ def test_further_faults_mostly_begin_together_with_the_one_before(missions: list
     pairs = [mission.sim.faults[:2] for mission in missions if len(mission.sim.faults) > 1]
     together = sum(a.phase is b.phase and 0.0 <= b.at_s - a.at_s <= (a.for_s or 5.0) + 5.0 for a, b in pairs)
     assert together > 0.5 * len(pairs)
-
-
-RECORDS = {
-    "grade": "ARRIVED",
-    "records_made": 90,
-    "records_delivered": 80,
-    "records_lost": {},
-    "records_waiting": {"3": 10},
-    "records_unwritten": {},
-}
-
-
-@pytest.mark.parametrize(
-    ("changes", "at_end", "faults", "lacking"),
-    [
-        ({}, "return", [], "10 records still on vehicle 3, at the base station"),
-        ({}, "return", [(FaultKind.BASE_LOST, 1, None)], ""),
-        ({}, "return", [(FaultKind.BASE_LOST, 1, 50.0)], "10 records still on vehicle 3, at the base station"),
-        ({}, "land", [], ""),  # far from the base station
-        ({"grade": "DEGRADED"}, "return", [], ""),
-        ({"records_waiting": {}}, "return", [], ""),
-        ({"records_delivered": 91}, "land", [], "91 records delivered of 90 made"),
-        ({"records_unwritten": {"2": 4}}, "land", [], "4 records of vehicle 2 were not written"),
-        ({"records_unwritten": {"2": 4}}, "land", [(FaultKind.DISK_FULL, 2, 9.0)], ""),
-        ({"records_unwritten": {"2": 4}}, "land", [(FaultKind.KILL, 2, None)], ""),
-        (
-            {"records_unwritten": {"2": 4}},
-            "land",
-            [(FaultKind.DISK_FULL, 1, 9.0)],
-            "4 records of vehicle 2 were not written",
-        ),
-    ],
-)
-def test_records_that_no_fault_took_are_looked_for(
-    changes: dict[str, Any], at_end: str, faults: list[tuple[FaultKind, int, float | None]], lacking: str
-) -> None:
-    mission = short_mission(route={"at_end": at_end}, sensing={"sensor": "scan-1deg"}, survey={})
-    struck = [FaultEvent(kind, (k,), 1.0, until_s) for kind, k, until_s in faults]
-    assert find_lacking_records(RECORDS | changes, mission, struck) == lacking
 
 
 def test_a_seed_without_a_possible_mission_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -274,6 +236,15 @@ def test_an_error_of_the_program_is_a_finding(monkeypatch: pytest.MonkeyPatch) -
     assert "ZeroDivisionError: of a planted defect" in row["verdict"]
 
 
+def test_a_flight_that_is_interrupted_is_no_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: Any, **__: Any) -> Any:
+        return SimpleNamespace(ended=flight.fly.INTERRUPTED, summary={"grade": "INCOMPLETE"})
+
+    monkeypatch.setattr(flight, "fly_stack", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        flight.fly_to_row(short_mission(), on_jsbsim=False)
+
+
 def a_row(seed: int, grade: str, *causes: str, run: str = "open", asked: tuple[str, ...] = ()) -> dict[str, Any]:
     found: dict[str, Any] = {
         "seed": seed,
@@ -341,6 +312,37 @@ def test_a_campaign_goes_on_where_it_ended_and_keeps_missions(
     assert load_mission(tmp_path / "8.toml") == load_mission(tmp_path / "8-shrunk.toml")
     assert (tmp_path / "8.toml").read_text().startswith("# signed: true\n")
     assert cli.main([*command, "--flights", "1", "--attackers", "0.25"]) == 0  # as drawn here: nothing to fly
+    (tmp_path / "summary.md").unlink()
+    capsys.readouterr()
+
+    def interrupted(*_: Any, **__: Any) -> Any:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(shrink, "fly_to_row", interrupted)
+    assert cli.main([*command, "--flights", "2", "--shrink", "1"]) == 1
+    assert "interrupted: the same command goes on" in capsys.readouterr().err
+    assert (tmp_path / "summary.md").is_file()
+
+
+def test_a_search_by_hours_ends_with_the_first_flight_after_its_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock_s = [0.0]
+
+    def fly(cases: Sequence[Any]) -> Any:
+        clock_s[0] += 1000.0
+        figures = a_row(1, "ARRIVED") | {"arrived": True}
+        return Done(tuple({k: v for k, v in figures.items() if k not in ("seed", "n", "run")} for _ in cases), 1.0, 1.0)
+
+    @contextmanager
+    def one_worker(*_: Any) -> Iterator[Any]:
+        yield lambda todo: ((batch, fly(batch)) for batch in todo)
+
+    monkeypatch.setattr(program, "_workers", one_worker)
+    monkeypatch.setattr(program.time, "monotonic", lambda: clock_s[0])
+    command = ["search", "--backend", "point-mass", "--seed", "7", "--hours", "1", "--out", str(tmp_path)]
+    assert cli.main(command) == 0
+    assert "4 flights, 0 to look into" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,10 @@ def fly_to_row(
     entrant: Entrant = BY_OURS,
     signed: bool = False,
 ) -> dict[str, Any]:
-    """Grade, causes and figures. An error of the program is a finding: UNSAFE, with its last line."""
+    """Grade, causes and figures. An error of the program is a finding: UNSAFE, with its last line.
+
+    KeyboardInterrupt: it was interrupted.
+    """
     invariants = [invariant(mission) for invariant in INVARIANTS]
     happened: Counter[str] = Counter()
     struck: list[FaultEvent] = []
@@ -83,6 +86,8 @@ def fly_to_row(
         text = f"UNSAFE: {type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})"
         found = {"grade": Grade.UNSAFE.value, "causes": [CRASHED], "verdict": text, "arrived": False}
         return found | {"faults": dict(happened), "asked": asked}
+    if outcome.ended == fly.INTERRUPTED:  # a flight that was cut off shows nothing
+        raise KeyboardInterrupt
     summary = outcome.summary
     lacking = find_lacking_records(summary, mission, struck)
     if lacking:

@@ -8,7 +8,7 @@ import json
 import signal
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
@@ -50,17 +50,17 @@ def run(args: argparse.Namespace) -> int:
     signal.signal(signal.SIGTERM, _interrupt)
     try:
         rows = _campaign(args, entrant, folder, errors)
+        (folder / SUMMARY).write_text(summary.markdown(rows), encoding="utf-8")
+        page.write(folder, [row for row in rows if "sim_time_s" in row], [], "search")
+        failed = summary.failures(rows)
+        for row in failed[: args.shrink]:
+            _shrink(row, args, entrant, folder, errors)
     except KeyboardInterrupt:
         errors.print(f"interrupted: the same command goes on from {folder / ROWS}")
         return 1
     except engine.RowsError as error:
         errors.print(f"sim-bridge: {error}", soft_wrap=True, highlight=False)
         return 2
-    failed = summary.failures(rows)
-    for row in failed[: args.shrink]:
-        _shrink(row, args, entrant, folder, errors)
-    (folder / SUMMARY).write_text(summary.markdown(rows), encoding="utf-8")
-    page.write(folder, [row for row in rows if "sim_time_s" in row], [], "search")
     if args.json:
         print(json.dumps([{key: row.get(key) for key in SHOWN} for row in rows]))
     else:
@@ -69,10 +69,14 @@ def run(args: argparse.Namespace) -> int:
     return 1 if failed else 0
 
 
+class _TimeIsUp(Exception):  # noqa: N818 - it is no error
+    """The time that was given is over; flights that have not ended are left."""
+
+
 def _campaign(args: argparse.Namespace, entrant: Entrant, folder: Path, errors: Console) -> list[engine.Row]:
     began_s, done = time.monotonic(), 0
     found: dict[str, engine.Row] = {}
-    with ExitStack() as stack:
+    with suppress(_TimeIsUp), ExitStack() as stack:
         rows = stack.enter_context(engine.Rows(folder / ROWS))
         fly = stack.enter_context(_workers(args, errors))
         plain = Signs(errors.file)
@@ -98,6 +102,8 @@ def _campaign(args: argparse.Namespace, entrant: Entrant, folder: Path, errors: 
                     highlight=False,
                     markup=False,
                 )
+            if args.hours is not None and time.monotonic() - began_s > 3600.0 * args.hours:
+                raise _TimeIsUp
 
         seed = args.seed
         while total is None or seed < args.seed + total:
