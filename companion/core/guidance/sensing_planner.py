@@ -43,9 +43,6 @@ LEADER_GIVES: Final = 0.3  # of its push away from the others, among trees
 UNHEARD_MPS: Final = 2.0
 UNHEARD_FROM_S: Final = 1.5  # since that one was heard: no burst of losses
 UNHEARD_UNTIL_S: Final = 15.0  # for longer, and a majority would not get on whenever one hovers for good
-# While nothing seen tells the own motion: a yaw that is 9 degrees off leads 0.45 m aside on the way that it takes to
-# stop, which is within what is then kept clear; at 3.9 m/s it led into a trunk
-UNTOLD_MPS: Final = 3.0
 ALL_ROUND_DEG: Final = 355.0  # with a sensor that sees less, a vehicle faces where it flies
 
 
@@ -127,8 +124,6 @@ class SensingPlanner(LocalPlanner):
         searches = now.state is FlightState.SEEKING  # for them: to be late where they wait would lose them
         if not (self._has_layers or searches) and is_anyone_unheard(around.hovering.values()):
             most_mps = min(most_mps, UNHEARD_MPS)
-        if around.cloud.norths and not around.cloud.is_motion_seen:
-            most_mps = min(most_mps, UNTOLD_MPS)
         if level_mps > most_mps:
             desired = (desired[0] * most_mps / level_mps, desired[1] * most_mps / level_mps, desired[2])
         self._since_s += dt_s

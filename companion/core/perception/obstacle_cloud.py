@@ -98,7 +98,6 @@ class LocalObstacleCloud:
         "clears_m",
         "easts",
         "hovering",
-        "is_motion_seen",
         "needs_m2",
         "norths",
         "reach_m",
@@ -118,12 +117,11 @@ class LocalObstacleCloud:
         hovering: Sequence[Obstacle] = (),
         seen_before: SeenBefore | None = None,
         sight: Sight | None = None,
-        is_motion_seen: bool = True,
     ) -> None:
         """`reach_m`: no way may lead further. `blind`: bearings, from north clockwise, that are not seen.
 
         `sensor_m`: range of the sensor; what was seen before may be further. `seen_before`: to search for a way by.
-        `sight`: what was looked at lately; None: all. `is_motion_seen`: the own motion is known by what was seen.
+        `sight`: what was looked at lately; None: all.
         """
         self.reach_m: Final = reach_m
         self.blind: Final = blind
@@ -132,7 +130,6 @@ class LocalObstacleCloud:
         self.hovering: Final = hovering
         self.seen_before: Final = seen_before
         self.sight: Final = sight
-        self.is_motion_seen: Final = is_motion_seen
         self.norths: list[float] = []
         self.easts: list[float] = []
         self.away_m: list[float] = []
@@ -147,7 +144,6 @@ class LocalObstacleCloud:
             trunks=self.trunks,
             hovering=self.hovering,
             sight=self.sight,
-            is_motion_seen=self.is_motion_seen,
         )
 
     def copy(self) -> LocalObstacleCloud:

@@ -303,8 +303,7 @@ class SensingPerception(ObstaclePerception):
         blind = seen.find_blind(now_s, fresh_s=self.stale_s)
         norths, easts = seen.find_near(here_ned_m, seen.max_m + BEYOND_M)
         self._memory.note_points(norths, easts, here_ned_m, blind, seen.max_m, now_s)
-        is_motion_seen = self.sees_motion
-        clear_m = self._clear_m + self._noise.wider_m + (0.0 if is_motion_seen else UNTOLD_MOTION_M)
+        clear_m = self._clear_m + self._noise.wider_m + (0.0 if self.sees_motion else UNTOLD_MOTION_M)
         cloud = LocalObstacleCloud(
             seen.max_m - clear_m,
             blind,
@@ -313,7 +312,6 @@ class SensingPerception(ObstaclePerception):
             hovering=self._hovering(hovering),
             seen_before=self._memory.seen_before(here_ned_m, clear_m),
             sight=self._sight.seen_from(here_ned_m, seen.max_m),
-            is_motion_seen=is_motion_seen,
         )
         cloud.add_points(norths, easts, clear_m)
         return cloud
