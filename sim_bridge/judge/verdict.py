@@ -23,8 +23,8 @@ Else the flight is the worst of three, and says all that does not hold:
 - DEGRADED: the same, and faults explain it: only vehicles that a fault struck, or that sim.battery_mah gives less than
   2000 mAh, stayed behind, landed early or are missing on the ring or sphere; or a fault was in force in the last 30 s;
   or faults left no majority of the swarm, and then all land, as the failsafe table asks; or, where not all have
-  satellites, faults struck the position of each that has, and nobody knows the way; or a member has lied: what the
-  others did by its word need not be undone. A radio without keys, and a base station that is not heard, explain
+  satellites, faults took for good the position of each that has, and nobody knows the way; or a member has lied: what
+  the others did by its word need not be undone. A radio without keys, and a base station that is not heard, explain
   nothing: they are to change nothing.
 """
 
@@ -48,16 +48,15 @@ UNHEARD_S = 5.0  # after two hear each other again, until they may be asked to k
 LEADERS_TOGETHER_S = 2.0  # until two that come into reach have heard each other, over some links that lose beacons
 HARMLESS = (FaultKind.OUTSIDER, FaultKind.BASE_LOST)  # no vehicle is to fly otherwise for them
 LOSSES = (FaultKind.KILL, FaultKind.MOTOR, FaultKind.DISK_FULL)  # nothing mends them, and the others go on
-LEADING_ASTRAY = (  # what takes a position of satellites away, or the vehicle that has it
+# What takes a position of satellites away for good, or the vehicle that has it: doubted, it is given up. From an outage
+# and from a jump a vehicle recovers
+TAKES_POSITION = (
     FaultKind.KILL,
     FaultKind.MOTOR,
     FaultKind.PILOT,
-    FaultKind.GNSS_OUTAGE,
     FaultKind.GNSS_DRIFT,
-    FaultKind.POSITION_JUMP,
     FaultKind.POSITION_FREEZE,
     FaultKind.POSITION_DRIFT,
-    FaultKind.HEIGHT_ERROR,
 )
 RECOVERY_S = 30.0  # after a fault is over, until the swarm may be asked for what it does
 SMALL_BATTERY_MAH = 2000.0  # a vehicle that is given less than this may land by its autopilot's battery failsafe
@@ -150,7 +149,7 @@ class _Struck:
     vehicles: frozenset[int]  # struck by any fault, cut off on the lesser side, or with a small battery
     lasting: bool  # a fault was in force in the last RECOVERY_S
     no_majority: bool
-    no_satellites: bool  # that were not struck, where not all vehicles have them
+    no_satellites: bool  # left, where not all vehicles have them
 
     def excuses(self, vehicles: Collection[int] = ()) -> Grade:
         """Grade of what did not hold of these vehicles; empty: of the swarm."""
@@ -173,8 +172,8 @@ def _struck(faults: Sequence[FaultEvent], mission: Mission, n: int, end_s: float
             struck |= min(set(fault.vehicles), others, key=len) if 2 * len(others) != n else others | {*fault.vehicles}
     lasting = any(_over_s(fault) > end_s - RECOVERY_S for fault in faults)
     silent = {k for fault in faults if fault.kind in (*SILENCING, FaultKind.MOTOR) for k in fault.vehicles}
-    astray = {k for fault in faults if fault.kind in LEADING_ASTRAY for k in fault.vehicles}
-    no_satellites = mission.flies_by_ranges and not set(range(1, n + 1)) - mission.without_satellites - astray
+    without = mission.without_satellites.union(*[fault.vehicles for fault in faults if fault.kind in TAKES_POSITION])
+    no_satellites = mission.flies_by_ranges and without.issuperset(range(1, n + 1))
     return _Struck(silenced(faults, end_s), frozenset(struck), lasting, 2 * (n - len(silent)) <= n, no_satellites)
 
 

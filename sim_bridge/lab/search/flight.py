@@ -91,16 +91,18 @@ def fly_to_row(
     summary = outcome.summary
     lacking = find_lacking_records(summary, mission, struck)
     if lacking:
-        summary["verdict"] = f"{Grade.INCOMPLETE}: {lacking}; {summary['verdict']}"
-        summary["grade"] = min(Grade.INCOMPLETE, Grade(summary["grade"]), key=BAD_FIRST.index).value
-        summary["causes"] = [*summary["causes"], RECORDS]
-    for broken in [invariant for invariant in reversed(invariants) if invariant.violation]:
-        grade = min(broken.grade, Grade(summary["grade"]), key=BAD_FIRST.index)
-        summary["verdict"] = f"{grade}: {broken.violation}; {summary['verdict']}"
-        first = grade is broken.grade
-        causes = [broken.cause, *summary["causes"]] if first else [*summary["causes"], broken.cause]
-        summary["grade"], summary["causes"] = grade.value, causes
+        _add_problem(summary, Grade.INCOMPLETE, RECORDS, lacking)
+    for broken in reversed([invariant for invariant in invariants if invariant.violation]):
+        _add_problem(summary, broken.grade, broken.cause, broken.violation)
     return summary | {"faults": dict(happened), "asked": asked}
+
+
+def _add_problem(summary: dict[str, Any], grade: Grade, cause: str, what: str) -> None:
+    """One more that does not hold; the first cause is one of the grade."""
+    worst = min(grade, Grade(summary["grade"]), key=BAD_FIRST.index)
+    summary["verdict"] = f"{worst}: {what}; {summary['verdict']}"
+    summary["grade"] = worst.value
+    summary["causes"] = [cause, *summary["causes"]] if worst is grade else [*summary["causes"], cause]
 
 
 def _name(fault: Fault | FaultEvent) -> str:

@@ -28,7 +28,8 @@ def find_lacking_records(summary: Mapping[str, Any], mission: Mission, faults: S
     made, delivered = summary["records_made"], summary["records_delivered"]
     if delivered > made:
         return f"{delivered} records delivered of {made} made"
-    parted = any(fault.kind in PARTING and fault.until_s is None for fault in faults)
+    end_s = summary["sim_time_s"]
+    parted = any(fault.kind in PARTING and (fault.until_s is None or fault.until_s >= end_s) for fault in faults)
     home = mission.route.at_end is AtEnd.RETURN and summary["grade"] == Grade.ARRIVED and not parted
     waiting = summary["records_waiting"] if home else {}
     return "; ".join([f"{count} records still on vehicle {k}, at the base station" for k, count in waiting.items()])

@@ -306,14 +306,16 @@ def test_faults_excuse_those_that_they_struck_and_no_danger(
     ("kind", "struck", "gnss", "grade"),
     [
         (FaultKind.POSITION_FREEZE, 1, "leader", Grade.DEGRADED),
-        (FaultKind.GNSS_OUTAGE, 1, "leader", Grade.DEGRADED),
+        (FaultKind.MOTOR, 1, "leader", Grade.DEGRADED),
+        (FaultKind.GNSS_OUTAGE, 1, "leader", Grade.INCOMPLETE),  # from these it recovers
+        (FaultKind.POSITION_JUMP, 1, "leader", Grade.INCOMPLETE),
         (FaultKind.POSITION_FREEZE, 2, "leader", Grade.INCOMPLETE),  # it has none
         (FaultKind.WIND, 1, "leader", Grade.INCOMPLETE),
         (FaultKind.POSITION_FREEZE, 1, "all", Grade.INCOMPLETE),  # another one leads
         (FaultKind.POSITION_FREEZE, 1, [1, 2], Grade.INCOMPLETE),
     ],
 )
-def test_where_the_one_position_of_satellites_was_struck_nobody_knows_the_way(
+def test_where_the_one_position_of_satellites_is_gone_for_good_nobody_knows_the_way(
     kind: FaultKind, struck: int, gnss: str | list[int], grade: Grade
 ) -> None:
     starts = [[8.0 * k, 0.0, 0.0] for k in range(8)]
