@@ -102,15 +102,6 @@ def test_a_long_recording_is_kept_as_it_was_and_only_its_last_ticks_as_rows(
     assert list(tmp_path.iterdir()) == []  # the file has no name
 
 
-def test_a_flight_of_two_minutes_and_more_is_read_back_once_and_in_order(tmp_path: Path) -> None:
-    """As compiled, too: there the file had each minute twice."""
-    count = 2 * recording.KEPT_TICKS + 3
-    recorder = Recorder(tmp_path)
-    for time_s in range(count):
-        recorder.add(a_tick(time_s, n=1))
-    assert recorder.recording().time_s.tolist() == list(range(count))
-
-
 def digest(**changes: Any) -> str:
     trace = Trace()
     trace.add(a_tick(**changes))
