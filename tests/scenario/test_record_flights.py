@@ -162,12 +162,16 @@ def test_without_the_base_station_the_flight_is_the_same_and_records_come_later(
 
 
 def test_what_waits_for_the_next_write_where_a_flight_ends_in_the_air_is_not_lost(tmp_path: Path) -> None:
-    hold = {"at_end": "hold"}
-    outcome, shown = flown(surveying(2, route=hold), tmp_path, watch=Maker())
+    def make(flight: Flight) -> None:
+        if flight.world.now_s > 20.0:  # in each tick: some wait at the end
+            log_of(flight.lockstep.companions[1]).append(RecordKind.TRACK, b"x", flight.world.now_s)
+
+    outcome, shown = flown(surveying(2, route={"at_end": "hold"}), tmp_path, watch=make)
     assert outcome.summary["records_unwritten"] == {}
     assert "not written" not in shown
-    waiting = sum(outcome.summary["records_waiting"].values())
-    assert outcome.summary["records_made"] == outcome.summary["records_delivered"] + waiting
+    waiting = outcome.summary["records_waiting"]
+    assert waiting["1"] > 0
+    assert outcome.summary["records_made"] == outcome.summary["records_delivered"] + sum(waiting.values())
 
 
 def test_a_disk_that_stays_full_loses_records_by_name_and_number(tmp_path: Path) -> None:

@@ -195,6 +195,59 @@ def test_of_the_layers_in_a_bearing_the_flattest_says_how_rays_fall() -> None:
     assert mapped(*leaning).ray_fall(0.0) == pytest.approx(math.tan(0.2), abs=1e-3)  # of the last turn
 
 
+LEAN_RAD = math.radians(17.0)
+
+
+def leaning_turn(turn: int, elevations_deg: tuple[float, ...], stem_m: float) -> list[LidarScan]:
+    """One turn of a vehicle that leans forward by 17 degrees, 4 m up, with a trunk straight ahead."""
+    lean, pieces = (0.0, -LEAN_RAD, 0.0), []
+    for elevation_deg in elevations_deg:
+        up_rad = math.radians(elevation_deg)
+        range_m = stem_m / math.cos(up_rad - LEAN_RAD)
+        piece = one_ray(0.0, range_m, turn=turn, elevation_rad=up_rad, first_attitude_rad=lean, last_attitude_rad=lean)
+        pieces.append(piece)
+    return pieces
+
+
+@pytest.mark.parametrize(
+    ("elevations_deg", "ahead_m"), [((0.0, 8.0, 17.0), 8.0), ((17.0, 0.0, 8.0), 8.0), ((0.0,), None)]
+)
+def test_the_level_scan_of_one_that_leans_has_the_flattest_ray_of_each_bearing(
+    elevations_deg: tuple[float, ...], ahead_m: float | None
+) -> None:
+    """The layer that is level in the vehicle meets the trunk 2.4 m lower, where undergrowth is: not seen by it."""
+    mapper, scans = LidarMapper(ObstacleMap()), []
+    for turn in range(1, 5):
+        for piece in leaning_turn(turn, elevations_deg, 8.0):
+            level = mapper.integrate_rays(piece, HERE, 10.0 + 0.1 * turn)
+            if level is not None:
+                scans.append(level)
+    assert len(scans) >= 3
+    for level in scans[1:]:
+        assert level.is_whole
+        assert len(level.ranges_m) == 360
+        (ahead,) = [r for b, r in zip(level.bearings_rad, level.ranges_m, strict=True) if abs(b) < 1e-6]
+        assert math.isnan(ahead) if ahead_m is None else ahead == pytest.approx(ahead_m, abs=0.01)
+
+
+def test_bearings_that_no_layer_measured_are_none_of_the_level_scan() -> None:
+    some = tuple(5.0 if k == 90 else math.nan if 100 <= k < 200 else INF for k in range(360))
+    mapper, scans = LidarMapper(ObstacleMap()), []
+    for turn in range(1, 4):
+        for deg in (0.0, 8.0):
+            piece = scan(some, turn=turn, elevation_rad=math.radians(deg))
+            level = mapper.integrate_rays(piece, HERE, 10.0 + 0.1 * turn)
+            scans += [] if level is None else [level]
+    last = scans[-1]
+    assert last.is_whole
+    assert [k for k, r in enumerate(last.ranges_m) if r != r] == list(range(100, 200))
+    around = [math.remainder(b - a, math.tau) for a, b in zip(last.bearings_rad, last.bearings_rad[1:], strict=False)]
+    assert around == pytest.approx([math.radians(1.0)] * 359, abs=1e-6)
+    north_m, east_m, _ = HERE.pos_ned_m
+    assert not last.sees_beyond(north_m, east_m + 6.0, 0.5)  # behind what is hit in the east
+    assert last.sees_beyond(north_m + 6.0, east_m, 0.5)
+
+
 def test_points_are_forgotten_and_sensors_are_bounded() -> None:
     seen = ObstacleMap()
     mapper = LidarMapper(seen)
