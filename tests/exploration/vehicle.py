@@ -274,7 +274,9 @@ class Fleet:
             beacon = self.said[said].beacon
             age_s = to_s(periods)
             contacts.append(
-                PeerContact(beacon, AWAY_M, now_s - age_s, now_s - age_s, ZERO, ZERO, share=1.0, stale_s=STALE_PERIODS)
+                PeerContact(
+                    beacon, AWAY_M, now_s - age_s, now_s - age_s, ZERO, ZERO, ZERO, share=1.0, stale_s=STALE_PERIODS
+                )
             )
             if periods <= STALE_PERIODS:
                 neighbours.append(Neighbour(beacon, AWAY_M, None, age_s, ZERO, AWAY_M[0]))
