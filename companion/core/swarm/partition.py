@@ -36,6 +36,9 @@ CLAIMS = (Role.CLAIMANT, Role.LEADER)
 LED = (FlightState.TRANSIT, FlightState.RETURNING, FlightState.SEEKING)
 LAYER_AFTER_S: Final = 1.0  # without the majority, until it changes its height: not for moments
 REJOINED_S: Final = 3.0  # with it again, until it comes back
+# Before it is in its layer a part looks for nobody: those that it comes back to are in the mission's.
+LAYER_REACHED_M: Final = 0.5
+LAYER_LIMIT_S: Final = 8.0  # since it was chosen: what is below or above may bar the way
 # Under the open sky, for each that is lost on the way: who sees nobody must not look for others, but where both parts
 # stand they hear each other as soon as the radio lets them. Half a minute, and the time in which they become one again.
 WAIT_OPEN_S: Final = 40.0
@@ -60,6 +63,7 @@ class NetworkPartition:
         self._contact_s: float | None = None  # when this vehicle was last in company
         self._layers: Final = list_layers(mission)
         self._layer_m: float | None = None
+        self._layer_s = -math.inf  # since when it is to be there
         self._clear_m: Final = mission.separation.hard_m
 
     def update_peer_contact(self, picture: Picture, *, led: bool) -> None:
@@ -107,10 +111,20 @@ class NetworkPartition:
             self._layer_m = None
         elif self._whole_s is None:
             if lease is not None and self.partitioned_s(now_s) >= LAYER_AFTER_S:
-                self._layer_m = choose_layer(self._layers, lease.leader)
+                layer_m = choose_layer(self._layers, lease.leader)
+                if layer_m != self._layer_m:
+                    self._layer_m, self._layer_s = layer_m, now_s
         elif now_s - self._whole_s >= REJOINED_S and self._is_way_free(picture):
             self._layer_m = None
         return self._layer_m
+
+    def _goes_to_layer(self, pos_ned_m: Vec3, now_s: float) -> bool:
+        """A part without the majority is not yet where those with it do not fly."""
+        if len(self._layers) == 1:
+            return False
+        if self._layer_m is None:
+            return self.partitioned_s(now_s) <= LAYER_AFTER_S
+        return now_s - self._layer_s <= LAYER_LIMIT_S and abs(-pos_ned_m[2] - self._layer_m) > LAYER_REACHED_M
 
     def _is_way_free(self, picture: Picture) -> bool:
         others = [n.rel_ned_m for n in picture.neighbours] + find_hover_places(picture.silent.values())
@@ -221,7 +235,7 @@ class SearchingPartition(NetworkPartition):
                 return
             missing, lost_s = _bits(self.waits_for), self._timer.waited_s(now_s)
         else:
-            lost_s = self.partitioned_s(now_s)
+            lost_s = 0.0 if self._goes_to_layer(own.pos_ned_m, now_s) else self.partitioned_s(now_s)
             if phase is not SwarmPhase.COVERAGE:
                 heard_at = contacts.heard_last(missing)
                 outside = [(position, self._outside_m) for position in ahead]

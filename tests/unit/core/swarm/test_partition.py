@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +13,7 @@ from companion.core.model.beacon import PeerReport
 from companion.core.model.events import Position
 from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.model.vectors import ZERO, norm, sub
-from companion.core.swarm.partition import build_partition
+from companion.core.swarm.partition import LAYER_AFTER_S, LAYER_LIMIT_S, build_partition
 from companion.core.swarm.partition_recovery import BEYOND, FAR_BEYOND, LOST_S, REACHED_M, Stage
 from companion.core.swarm.roster import Roster
 from companion.core.vehicle import failsafe_engine
@@ -32,9 +33,10 @@ D2: Vec3 = (0.0, 130.0, -8.0)
 class Leader:
     """Vehicle 1 of three, flying east; it hears both others, 9 m north of it, as far as HEARD_M."""
 
-    def __init__(self, phase: SwarmPhase, *, quorum: bool) -> None:
-        self.phase, self.now_s, self.east_m = phase, 100.0, 0.0
-        self.parts = build_partition(mission(sensing={}, swarm={"size": 3}))
+    def __init__(self, phase: SwarmPhase, *, quorum: bool, layers: bool = False) -> None:
+        self.phase, self.now_s, self.east_m, self.height_m = phase, 100.0, 0.0, 8.0
+        spec = mission(sensing={}, swarm={"size": 3}, separation={"height_layers": layers})
+        self.parts = build_partition(spec)
         self.peers, self.roster = PeerTable(size=3), Roster(1, 3)
         self.roster.flown = 0b111
         self.lease = replace(lease(1, established=True), quorum=quorum)
@@ -44,7 +46,7 @@ class Leader:
 
     def period(self, *, hears: bool = False) -> None:
         self.now_s += PERIOD_S
-        pos = (0.0, self.east_m, -8.0)
+        pos = (0.0, self.east_m, -self.height_m)
         if hears:
             for k in (2, 3):
                 self.peers.store_beacon(
@@ -61,6 +63,7 @@ class Leader:
             contacts=self.peers.contacts(),
         )
         self.parts.update_quorum(now, said)
+        self.parts.update_layer(now, said)
         self.parts.search_lost_peers(
             now,
             self.roster,
@@ -234,3 +237,24 @@ def test_trail_of_a_part_in_its_layer_is_kept_at_the_missions_height() -> None:
     )
     parts.recovery.trail.turn_back(0b100)
     assert parts.recovery.trail.next_waypoint((0.0, 60.0, -8.0)) == (0.0, 0.0, -8.0)
+
+
+def looks_after_s(*, height_m: float, layers: bool = True) -> float:
+    """How long after it has lost the majority a part goes back to the others, at that height all the time."""
+    one = Leader(SwarmPhase.TRANSIT, quorum=False, layers=layers)
+    one.height_m, lost_s = height_m, one.now_s
+    for _ in range(300):
+        one.period()
+        if one.parts.recovery.goal is not None:
+            return one.now_s - lost_s
+    return math.inf
+
+
+def test_part_looks_for_the_others_only_from_its_own_layer() -> None:
+    """Others go back to it at the mission's height."""
+    _, lower_m, lowest_m = list_layers(mission(separation={"height_layers": True}))
+    at_once_s = looks_after_s(height_m=8.0, layers=False)
+    assert at_once_s <= HOLD_S
+    assert looks_after_s(height_m=lowest_m) <= at_once_s + 0.2  # by its leader's id
+    for height_m in (8.0, lower_m):
+        assert LAYER_LIMIT_S <= looks_after_s(height_m=height_m) <= LAYER_LIMIT_S + LAYER_AFTER_S + 0.2
