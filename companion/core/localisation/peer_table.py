@@ -28,11 +28,12 @@ STALE_S: Final = 0.5  # five beacons, of a good radio: see `link_share`
 STALE_PERIODS: Final = 3.0  # where beacons are rarer
 # before the end of the range: one last heard there has left it and flies on; five beacons at 3 m/s
 LEAVING_M: Final = 1.5
-COAST_S: Final = 1.0  # for how long one that is not heard is taken to fly on
-# Where a silent vehicle comes to rest: its autopilot follows the last setpoint for half a second, and brakes. PX4 and
-# ArduCopter as the bridge has them, of 36 killed in transit: 0.4 m off on average, 1.0 m at most.
-REST_S: Final = 1.2  # times its last velocity
-REST_S2: Final = 0.75  # times its last acceleration
+COAST_S: Final = 1.0  # a silent vehicle's autopilot needs about this long to notice and stop
+# Times its last acceleration: so much farther on it rests, as its autopilot follows its last setpoint for a while.
+# With it PX4 as the bridge has it comes to rest 0.2 m from there at most (18 killed in transit; 1.2 m without it);
+# ArduCopter, which brakes more gently, up to 1.6 m farther on (2.0 m). Times longer than a second, for its sake, keep
+# parts that are hidden from one another apart for longer.
+GAIN_S2: Final = 1.0
 ACCELERATION_MAX_MPS2: Final = 4.0  # of which anything is believed
 ACCELERATION_S: Final = 0.3  # over which it is smoothed
 TELL_AFTER_S: Final = 1.5  # of silence: by then the vehicle hangs still, and a burst of losses is over
@@ -342,7 +343,7 @@ class PeerTable:
             return None
         rel = self._extrapolate(heard, own_pos_ned_m, now_s).rel_ned_m
         if now_s - heard.told_s > COAST_S:
-            rel = add(rel, _find_rest(heard))
+            rel = add(rel, scale(heard.acc_ned_mps2, GAIN_S2))
         every_height = heard.beacon.state in CLIMBING | DESCENDING
         if every_height:
             rel = (rel[0], rel[1], 0.0)
@@ -380,11 +381,6 @@ def _find_acceleration(last: PeerContact | None, vel_ned_mps: Vec3, time_ms: int
     seen = scale(sub(vel_ned_mps, last.vel_ned_mps), 1.0 / period_s)
     new = min(1.0, period_s / ACCELERATION_S)
     return limit(add(scale(last.acc_ned_mps2, 1.0 - new), scale(seen, new)), ACCELERATION_MAX_MPS2)
-
-
-def _find_rest(heard: PeerContact) -> Vec3:
-    """From where its last velocity has led it in COAST_S to where it has come to rest."""
-    return add(scale(heard.vel_ned_mps, REST_S - COAST_S), scale(heard.acc_ned_mps2, REST_S2))
 
 
 def leave_out(places: list[PeerReport], one: PeerReport) -> list[PeerReport]:
