@@ -29,11 +29,14 @@ STALE_PERIODS: Final = 3.0  # where beacons are rarer
 # before the end of the range: one last heard there has left it and flies on; five beacons at 3 m/s
 LEAVING_M: Final = 1.5
 COAST_S: Final = 1.0  # a silent vehicle's autopilot needs about this long to notice and stop
-# Times its last acceleration: so much farther on it rests, as its autopilot follows its last setpoint for a while.
-# With it PX4 as the bridge has it comes to rest 0.2 m from there at most (18 killed in transit; 1.2 m without it);
-# ArduCopter, which brakes more gently, up to 1.6 m farther on (2.0 m). Times longer than a second, for its sake, keep
-# parts that are hidden from one another apart for longer.
-GAIN_S2: Final = 1.0
+# Its autopilot follows the last setpoint for half a second, and brakes, each make in its own way. Where it rests is by
+# so much times its last velocity, and acceleration, from where it was (36 killed in transit, both makes: 0.4 m off on
+# average, 1.0 m at most; 2.0 m by COAST_S alone). It is taken to be there only in time: most that fall silent fly on,
+# and parts that are hidden from one another come back to one another later for places farther on.
+REST_S: Final = 1.2
+REST_S2: Final = 0.75
+REST_FROM_S: Final = 10.0  # of silence
+REST_BY_S: Final = 20.0
 ACCELERATION_MAX_MPS2: Final = 4.0  # of which anything is believed
 ACCELERATION_S: Final = 0.3  # over which it is smoothed
 TELL_AFTER_S: Final = 1.5  # of silence: by then the vehicle hangs still, and a burst of losses is over
@@ -342,8 +345,10 @@ class PeerTable:
         if self._reports.is_refuted(vehicle, heard.at_s):
             return None
         rel = self._extrapolate(heard, own_pos_ned_m, now_s).rel_ned_m
-        if now_s - heard.told_s > COAST_S:
-            rel = add(rel, scale(heard.acc_ned_mps2, GAIN_S2))
+        rested = min((now_s - heard.at_s - REST_FROM_S) / (REST_BY_S - REST_FROM_S), 1.0)
+        if rested > 0.0:
+            way = add(scale(heard.vel_ned_mps, REST_S - COAST_S), scale(heard.acc_ned_mps2, REST_S2))
+            rel = add(rel, scale(way, rested))
         every_height = heard.beacon.state in CLIMBING | DESCENDING
         if every_height:
             rel = (rel[0], rel[1], 0.0)

@@ -9,7 +9,8 @@ from companion.core.localisation.peer_reports import TAKEN_BACK, majority_of
 from companion.core.localisation.peer_table import (
     ACCELERATION_MAX_MPS2,
     COAST_S,
-    GAIN_S2,
+    REST_S,
+    REST_S2,
     STALE_S,
     TELL_AFTER_S,
     PeerTable,
@@ -151,8 +152,10 @@ def silent(table: PeerTable, now_s: float, *, here: Vec3 = HERE, range_m: float 
 def test_neighbour_that_falls_silent_in_the_air_hangs_where_it_coasted_to() -> None:
     table = heard((heard_beacon(2, airborne=True, rel_ned_m=(10.0, 0.0, 0.0), vel_ned_mps=(2.0, 0.0, 0.0)), 10.0))
     assert silent(table, 10.0 + STALE_S) == {}
-    assert silent(table, 30.0) == {2: pytest.approx((10.0 + 2.0 * COAST_S, 0.0, 0.0))}
-    assert silent(table, 30.0, here=(105.0, 50.0, -8.0)) == {2: pytest.approx((5.0 + 2.0 * COAST_S, 0.0, 0.0))}
+    assert silent(table, 15.0) == {2: pytest.approx((10.0 + 2.0 * COAST_S, 0.0, 0.0))}
+    assert silent(table, 25.0)[2][0] == pytest.approx(10.0 + COAST_S + REST_S)  # half way there
+    assert silent(table, 30.0) == {2: pytest.approx((10.0 + 2.0 * REST_S, 0.0, 0.0))}
+    assert silent(table, 30.0, here=(105.0, 50.0, -8.0)) == {2: pytest.approx((5.0 + 2.0 * REST_S, 0.0, 0.0))}
 
 
 def test_neighbour_that_falls_silent_while_it_gains_speed_hangs_farther_on() -> None:
@@ -170,7 +173,7 @@ def test_neighbour_that_falls_silent_while_it_gains_speed_hangs_farther_on() -> 
                 vel_ned_mps=(2.0 - gain_mps2 * back_s, 0.0, 0.0),
             )
             table.store_beacon(said, HERE, 10.0 - back_s)
-        rest_m = 2.0 * COAST_S + gain_mps2 * GAIN_S2
+        rest_m = 2.0 * REST_S + gain_mps2 * REST_S2
         assert silent(table, 30.0)[2] == pytest.approx((10.0 + rest_m, 0.0, 0.0), abs=0.1)
 
 
@@ -180,7 +183,7 @@ def test_acceleration_that_nobody_has_moves_no_silent_vehicle_farther_than_it_co
         velocity = (-5.0 + 10.0 * k, 0.0, 0.0)
         said = heard_beacon(2, time_ms=1000 + 100 * k, airborne=True, rel_ned_m=(10.0, 0.0, 0.0), vel_ned_mps=velocity)
         table.store_beacon(said, HERE, 10.0 + 0.1 * k)
-    assert silent(table, 30.0)[2][0] <= 10.0 + 5.0 * COAST_S + ACCELERATION_MAX_MPS2 * GAIN_S2
+    assert silent(table, 30.0)[2][0] <= 10.0 + 5.0 * REST_S + ACCELERATION_MAX_MPS2 * REST_S2
 
 
 def test_acceleration_is_not_taken_over_a_silence() -> None:
@@ -190,7 +193,7 @@ def test_acceleration_is_not_taken_over_a_silence() -> None:
             2, time_ms=time_ms, airborne=True, rel_ned_m=(10.0, 0.0, 0.0), vel_ned_mps=(speed_mps, 0.0, 0.0)
         )
         table.store_beacon(said, HERE, 9.0 + time_ms / 1000.0)
-    assert silent(table, 30.0) == {2: pytest.approx((10.0 + 2.0 * COAST_S, 0.0, 0.0))}
+    assert silent(table, 40.0) == {2: pytest.approx((10.0 + 2.0 * REST_S, 0.0, 0.0))}
 
 
 def test_neighbour_that_fell_silent_stays_an_obstacle_until_it_is_heard_again() -> None:
