@@ -24,6 +24,7 @@ from mission.common.frames import Vec3
 from mission.document.model import Lidar as LidarErrors
 from mission.document.model import Mission
 from mission.schema.kinds import SensorClass
+from mission.schema.trees import StandTree
 from mission.stand.stand import Stand, stand_of
 from sim_bridge.judge.metrics import CONTACT_M
 from sim_bridge.world.airframe.state import AirframeState
@@ -37,10 +38,13 @@ GRAVITY_MPS2 = 9.81
 LAG_S, DEAD_TICKS = 0.3, 2
 LASTS_S = 9.0
 MEET_S = 4.5  # until both would be in one place
-COURSES_DEG = {"head-on": 180.0, "crossing": 90.0, "overtaking": 0.0}
-SPEED_SHARES = {"head-on": 1.0, "crossing": 1.0, "overtaking": 0.33}  # the other's
+COURSES_DEG = {"head-on": 180.0, "crossing": 90.0, "overtaking": 0.0, "round trunks": 90.0, "in a gap": 180.0}
+OVERTAKEN = 0.33  # speed of one that is overtaken, as a share
 ASIDE_M = 1.0  # by so much at most they would miss each other
 WAY_M = 1.2  # of the courses, free of trunks to either side
+TRUNK_M = 0.2  # radius of those that are put there
+HEDGE_M = (2.0, 12.0, 0.5)  # round trunks: from where they would meet outwards between both; one each
+GAP_M = 1.6  # in a gap: from its middle to either trunk
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,12 +133,13 @@ def meet(seed: int, *, kind: str, sensor: SensorClass, density_per_ha: float, sp
     other = np.array([math.cos(turned), math.sin(turned)])
     middle = np.array([0.0, 80.0])
     across = np.array([-one[1], one[0]]) * aside_m
-    vels = (speed_mps * one, SPEED_SHARES[kind] * speed_mps * other)
+    vels = (speed_mps * one, (OVERTAKEN if kind == "overtaking" else 1.0) * speed_mps * other)
     starts = (middle - MEET_S * vels[0], middle - MEET_S * vels[1] + across)
     ways = np.concatenate(
         [start + vel * np.linspace(-1.0, LASTS_S, 60)[:, None] for start, vel in zip(starts, vels, strict=True)]
     )
-    scene = Scene(_thinned(stand_of(mission), ways), mission.sensing.range_m if mission.sensing else 8.0)
+    stand = _with_trunks(_thinned(stand_of(mission), ways), kind, middle, one, other)
+    scene = Scene(stand, mission.sensing.range_m if mission.sensing else 8.0)
     pair = [
         Vehicle(mission, scene, (float(start[0]), float(start[1])), (float(vel[0]), float(vel[1])), seed + k)
         for k, (start, vel) in enumerate(zip(starts, vels, strict=True))
@@ -159,6 +164,19 @@ def _thinned(stand: Stand, ways: np.ndarray) -> Stand:
         if float(np.min(np.hypot(ways[:, 0] - tree.north_m, ways[:, 1] - tree.east_m))) > tree.radius_m + WAY_M
     ]
     return Stand(trees, (), stand.grade)
+
+
+def _with_trunks(stand: Stand, kind: str, middle: np.ndarray, one: np.ndarray, other: np.ndarray) -> Stand:
+    """With those that hide the two from one another until they are near, or that leave them one way."""
+    places: list[np.ndarray] = []
+    if kind == "round trunks":
+        between = -(one + other) / np.linalg.norm(one + other)
+        places = [middle + between * away_m for away_m in np.arange(*HEDGE_M)]
+    elif kind == "in a gap":
+        across = np.array([-one[1], one[0]])
+        places = [middle + across * side_m for side_m in (-GAP_M, GAP_M)]
+    trees = [StandTree(float(place[1]), float(place[0]), TRUNK_M, 20.0, 15.0, 2.0) for place in places]
+    return Stand((*stand.trees, *trees), (), stand.grade)
 
 
 def main(argv: Sequence[str]) -> int:
