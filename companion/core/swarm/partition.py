@@ -62,6 +62,8 @@ class NetworkPartition:
         self._whole_s: float | None = None  # and since when it does
         self._contact_s: float | None = None  # when this vehicle was last in company
         self._layers: Final = list_layers(mission)
+        has_layers = mission.sensing is not None and len(self._layers) > 1
+        self._held_m: Final = self._layers[0] if has_layers else None  # else a formation's heights wander
         self._layer_m: float | None = None
         self._layer_s = -math.inf  # since when it is to be there
         self._clear_m: Final = mission.separation.hard_m
@@ -102,9 +104,10 @@ class NetworkPartition:
         return self.partitioned_s(now_s) > NO_MAJORITY_LONG.delay_s
 
     def update_layer(self, picture: Picture, lease: Lease | None) -> float | None:
-        """Each tick: the height (m above the origin) that a part without the majority flies at; None: the mission's.
+        """Each tick: the height (m above the origin) to fly at; None: as the formation goes.
 
-        It comes back when it has been with the others for a while and none of them is above or below it.
+        A part without the majority has another than the mission's. It comes back when it has been with the others for a
+        while and none of them is above or below it.
         """
         now_s = picture.now_s
         if len(self._layers) == 1 or not picture.is_steered:
@@ -116,6 +119,8 @@ class NetworkPartition:
                     self._layer_m, self._layer_s = layer_m, now_s
         elif now_s - self._whole_s >= REJOINED_S and self._is_way_free(picture):
             self._layer_m = None
+        if self._layer_m is None and picture.is_steered:
+            return self._held_m
         return self._layer_m
 
     def _goes_to_layer(self, pos_ned_m: Vec3, now_s: float) -> bool:

@@ -202,19 +202,39 @@ def layered_part(leader: int, *, way_m: float, hears: bool = True) -> tuple[floa
 
 
 def test_layer_of_a_part_follows_from_its_leaders_id() -> None:
-    _, lower_m, lowest_m = list_layers(mission(separation={"height_layers": True}))
-    assert layered_part(2, way_m=20.0) == (lower_m, None)
-    assert layered_part(1, way_m=20.0) == (lowest_m, None)
+    own_m, lower_m, lowest_m = list_layers(mission(separation={"height_layers": True}))
+    assert layered_part(2, way_m=20.0) == (lower_m, own_m)
+    assert layered_part(1, way_m=20.0) == (lowest_m, own_m)
 
 
 def test_vehicle_stays_in_its_layer_while_a_silent_one_may_hover_above_it() -> None:
-    assert layered_part(2, way_m=20.0, hears=False)[1] is None
-    assert layered_part(2, way_m=3.0, hears=False)[1] is not None
+    own_m, lower_m, _ = list_layers(mission(separation={"height_layers": True}))
+    assert layered_part(2, way_m=20.0, hears=False)[1] == own_m
+    assert layered_part(2, way_m=3.0, hears=False)[1] == lower_m
 
 
 def test_vehicle_stays_in_its_layer_while_another_is_above_it() -> None:
     below_m, still_m = layered_part(2, way_m=3.0)
-    assert below_m == still_m is not None
+    _, lower_m, _ = list_layers(mission(separation={"height_layers": True}))
+    assert below_m == still_m == lower_m
+
+
+@pytest.mark.parametrize(
+    ("changes", "state", "held_m"),
+    [
+        ({}, FlightState.TRANSIT, 8.0),
+        ({}, FlightState.LANDING, None),
+        ({"sensing": None}, FlightState.TRANSIT, None),
+        ({"separation": {"height_layers": False}}, FlightState.TRANSIT, None),
+    ],
+)
+def test_who_may_meet_parts_in_other_layers_holds_the_missions_height(
+    changes: dict[str, Any], state: FlightState, held_m: float | None
+) -> None:
+    """Else a formation's heights wander by 0.7 m, a third of the way to the next layer."""
+    tables: dict[str, Any] = {"sensing": {}, "swarm": {"size": 3}, "separation": {"height_layers": True}} | changes
+    parts = build_partition(mission(**{name: value for name, value in tables.items() if value is not None}))
+    assert parts.update_layer(picture(now_s=100.0, state=state, airborne=True), lease(1)) == held_m
 
 
 def test_trail_of_a_part_in_its_layer_is_kept_at_the_missions_height() -> None:
