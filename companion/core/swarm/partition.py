@@ -36,9 +36,9 @@ CLAIMS = (Role.CLAIMANT, Role.LEADER)
 LED = (FlightState.TRANSIT, FlightState.RETURNING, FlightState.SEEKING)
 LAYER_AFTER_S: Final = 1.0  # without the majority, until it changes its height: not for moments
 REJOINED_S: Final = 3.0  # with it again, until it comes back
-# Before it is in its layer a part looks for nobody: those that it comes back to are in the mission's.
-LAYER_REACHED_M: Final = 0.5
-LAYER_LIMIT_S: Final = 8.0  # since it was chosen: what is below or above may bar the way
+# Without it, where there are layers, until a part looks for the others. Several parts may share a layer, and those with
+# the majority come back to where it is: who stands is where the others take it to be.
+STANDS_S: Final = 30.0
 # Under the open sky, for each that is lost on the way: who sees nobody must not look for others, but where both parts
 # stand they hear each other as soon as the radio lets them. Half a minute, and the time in which they become one again.
 WAIT_OPEN_S: Final = 40.0
@@ -65,7 +65,6 @@ class NetworkPartition:
         has_layers = mission.sensing is not None and len(self._layers) > 1
         self._held_m: Final = self._layers[0] if has_layers else None  # else a formation's heights wander
         self._layer_m: float | None = None
-        self._layer_s = -math.inf  # since when it is to be there
         self._clear_m: Final = mission.separation.hard_m
 
     def update_peer_contact(self, picture: Picture, *, led: bool) -> None:
@@ -114,22 +113,12 @@ class NetworkPartition:
             self._layer_m = None
         elif self._whole_s is None:
             if lease is not None and self.partitioned_s(now_s) >= LAYER_AFTER_S:
-                layer_m = choose_layer(self._layers, lease.leader)
-                if layer_m != self._layer_m:
-                    self._layer_m, self._layer_s = layer_m, now_s
+                self._layer_m = choose_layer(self._layers, lease.leader)
         elif now_s - self._whole_s >= REJOINED_S and self._is_way_free(picture):
             self._layer_m = None
         if self._layer_m is None and picture.is_steered:
             return self._held_m
         return self._layer_m
-
-    def _goes_to_layer(self, pos_ned_m: Vec3, now_s: float) -> bool:
-        """A part without the majority is not yet where those with it do not fly."""
-        if len(self._layers) == 1:
-            return False
-        if self._layer_m is None:
-            return self.partitioned_s(now_s) <= LAYER_AFTER_S
-        return now_s - self._layer_s <= LAYER_LIMIT_S and abs(-pos_ned_m[2] - self._layer_m) > LAYER_REACHED_M
 
     def _is_way_free(self, picture: Picture) -> bool:
         others = [n.rel_ned_m for n in picture.neighbours] + find_hover_places(picture.silent.values())
@@ -240,12 +229,19 @@ class SearchingPartition(NetworkPartition):
                 return
             missing, lost_s = _bits(self.waits_for), self._timer.waited_s(now_s)
         else:
-            lost_s = 0.0 if self._goes_to_layer(own.pos_ned_m, now_s) else self.partitioned_s(now_s)
+            lost_s = self.partitioned_s(now_s)
+            if lost_s < self._hold_s:
+                lost_s = 0.0
             if phase is not SwarmPhase.COVERAGE:
                 heard_at = contacts.heard_last(missing)
                 outside = [(position, self._outside_m) for position in ahead]
         beyond = 0 if phase is SwarmPhase.COVERAGE else BEYOND if lease.quorum else FAR_BEYOND
         search.update(now_s, pos, lost_s=lost_s, lost=missing, heard_at=heard_at, ahead=outside, beyond=beyond)
+
+    @property
+    def _hold_s(self) -> float:
+        """For how long a part without the majority stands before it looks for the others."""
+        return self.recovery.hold_s if len(self._layers) == 1 else STANDS_S
 
     def _at_mission_height(self, pos_ned_m: Vec3) -> Vec3:
         """Positions of a search are those of the mission's height: its layer is not on the way to anything."""
@@ -253,7 +249,7 @@ class SearchingPartition(NetworkPartition):
 
     def _describe_search(self, lease: Lease | None, now_s: float, *, role: Role) -> str:
         led = role not in CLAIMS and lease is not None and lease.established and not lease.quorum
-        if lease is not None and led and self.partitioned_s(now_s) >= self.recovery.hold_s:
+        if lease is not None and led and self.partitioned_s(now_s) >= self._hold_s:
             return f", following {lease.leader}"
         return "" if self.recovery.goal is None else f": {self.recovery.stage.value}"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +13,7 @@ from companion.core.model.beacon import PeerReport
 from companion.core.model.events import Position
 from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.model.vectors import ZERO, norm, sub
-from companion.core.swarm.partition import LAYER_AFTER_S, LAYER_LIMIT_S, build_partition
+from companion.core.swarm.partition import STANDS_S, build_partition
 from companion.core.swarm.partition_recovery import BEYOND, FAR_BEYOND, LOST_S, REACHED_M, Stage
 from companion.core.swarm.roster import Roster
 from companion.core.vehicle import failsafe_engine
@@ -34,7 +34,7 @@ class Leader:
     """Vehicle 1 of three, flying east; it hears both others, 9 m north of it, as far as HEARD_M."""
 
     def __init__(self, phase: SwarmPhase, *, quorum: bool, layers: bool = False) -> None:
-        self.phase, self.now_s, self.east_m, self.height_m = phase, 100.0, 0.0, 8.0
+        self.phase, self.now_s, self.east_m = phase, 100.0, 0.0
         spec = mission(sensing={}, swarm={"size": 3}, separation={"height_layers": layers})
         self.parts = build_partition(spec)
         self.peers, self.roster = PeerTable(size=3), Roster(1, 3)
@@ -46,7 +46,7 @@ class Leader:
 
     def period(self, *, hears: bool = False) -> None:
         self.now_s += PERIOD_S
-        pos = (0.0, self.east_m, -self.height_m)
+        pos = (0.0, self.east_m, -8.0)
         if hears:
             for k in (2, 3):
                 self.peers.store_beacon(
@@ -137,10 +137,12 @@ def test_majority_of_a_moment_does_not_end_the_time_without_one() -> None:
     assert counted((10.0, False), state=FlightState.RELEASED) == 0.0
 
 
-def found_by_follower(seconds: float, **changes: Any) -> set[Cause]:
+def found_by_follower(
+    seconds: float, *, established: bool = True, separation: Mapping[str, Any] | None = None
+) -> set[Cause]:
     one, now_s = Leader(SwarmPhase.TRANSIT, quorum=False), 0.0
-    said = replace(lease(2, established=True), quorum=False, **changes)
-    one.parts = build_partition(mission(sensing={}))
+    said = replace(lease(2, established=established), quorum=False)
+    one.parts = build_partition(mission(sensing={}, separation=dict(separation or {})))
     for k in range(round(seconds / PERIOD_S) + 1):
         now_s = 200.0 + k * PERIOD_S
         one.parts.update_quorum(picture(now_s=now_s, state=FlightState.TRANSIT), said)
@@ -259,22 +261,18 @@ def test_trail_of_a_part_in_its_layer_is_kept_at_the_missions_height() -> None:
     assert parts.recovery.trail.next_waypoint((0.0, 60.0, -8.0)) == (0.0, 0.0, -8.0)
 
 
-def looks_after_s(*, height_m: float, layers: bool = True) -> float:
-    """How long after it has lost the majority a part goes back to the others, at that height all the time."""
-    one = Leader(SwarmPhase.TRANSIT, quorum=False, layers=layers)
-    one.height_m, lost_s = height_m, one.now_s
-    for _ in range(300):
-        one.period()
-        if one.parts.recovery.goal is not None:
-            return one.now_s - lost_s
-    return math.inf
+def test_where_there_are_layers_a_part_stands_before_it_looks_for_the_others() -> None:
+    """Several parts may share a layer: those that stand are where the others take them to be."""
+    for layers, after_s in ((False, HOLD_S), (True, STANDS_S)):
+        one = Leader(SwarmPhase.TRANSIT, quorum=False, layers=layers)
+        while one.parts.partitioned_s(one.now_s) < after_s - 0.1:
+            assert one.parts.recovery.goal is None
+            one.period()
+        one.run(0.3)
+        assert one.parts.recovery.goal is not None
 
 
-def test_part_looks_for_the_others_only_from_its_own_layer() -> None:
-    """Others go back to it at the mission's height."""
-    _, lower_m, lowest_m = list_layers(mission(separation={"height_layers": True}))
-    at_once_s = looks_after_s(height_m=8.0, layers=False)
-    assert at_once_s <= HOLD_S
-    assert looks_after_s(height_m=lowest_m) <= at_once_s + 0.2  # by its leader's id
-    for height_m in (8.0, lower_m):
-        assert LAYER_LIMIT_S <= looks_after_s(height_m=height_m) <= LAYER_LIMIT_S + LAYER_AFTER_S + 0.2
+def test_followers_of_a_part_that_stands_stand_too() -> None:
+    layers = {"separation": {"height_layers": True}}
+    assert found_by_follower(STANDS_S - 1.0, **layers) == {Cause.NO_MAJORITY}
+    assert Cause.OTHERS_LOST in found_by_follower(STANDS_S + 0.2, **layers)
