@@ -11,7 +11,7 @@ DEV_READY := $(VENV)/.ready-dev
 MISSION ?= mission/examples/lone_tree.toml
 FLY ?=
 
-.PHONY: help install pure fly test dev fuzz taken-out mutants coverage check bench referees other-simulators conformance table1 bundle board-test docs dialect page page-check site site-parts site-check lock clean
+.PHONY: help install pure fly test dev fuzz taken-out mutants coverage check bench referees other-simulators conformance table1 bundle board-test docs dialect page page-parts page-check site site-parts site-check lock clean
 
 help:
 	@echo "make fly      set everything up, fly 8 vehicles to a tree     (MISSION=... FLY='-n 4 --seed 2')"
@@ -175,11 +175,17 @@ dialect: $(READY)
 
 WEB := sim_bridge/judge/page/web
 
-page:
-	cd $(WEB) && npm ci && npm run build
+$(WEB)/node_modules/.ready: $(WEB)/package.json $(WEB)/package-lock.json
+	cd $(WEB) && npm ci --no-audit --no-fund
+	@touch $@
 
-page-check:
-	cd $(WEB) && npm ci && npm run lint && npm test && npm run check
+page-parts: $(WEB)/node_modules/.ready
+
+page: page-parts
+	cd $(WEB) && npm run build
+
+page-check: page-parts
+	cd $(WEB) && npm run lint && npm test && npm run check
 
 # The pages' generator in an environment of its own.
 SITE := .venv-site
