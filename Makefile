@@ -77,7 +77,7 @@ fly: $(READY)
 	@test -e $(COMPILED) || echo "flying pure Python; make install compiles what flies, for more speed"
 	$(BIN)/sim-bridge fly $(MISSION) --map --open $(FLY)
 
-# Swarms fly compiled, which takes about half of the time; those of these tests that need the sources come after.
+# Swarms fly compiled, which takes about half of the time; those of these tests that need the sources run with the others.
 # Those of tests/interop mostly wait for the wall clock: many side by side, when the others no longer need the cores. Real
 # time on a computer that is busy with others' work may fail them all the same: such are tried once more, each by itself.
 FLIGHTS := tests/scenario tests/study tests/report
@@ -86,9 +86,8 @@ SIDE_BY_SIDE := -m pytest -n logical --dist worksteal
 unexport PYTHONDONTWRITEBYTECODE
 
 test: coverage $(COMPILED) $(DEV_READY)
-	$(BIN)/python $(SIDE_BY_SIDE) $(CORE_TESTS:%=--ignore %) $(FLIGHTS:%=--ignore %) --ignore tests/interop
+	$(BIN)/python $(SIDE_BY_SIDE) -m "not compiled" $(CORE_TESTS:%=--ignore %) --ignore tests/interop
 	UNDERSTORY_PURE= $(BIN)/python $(SIDE_BY_SIDE) $(FLIGHTS)
-	$(BIN)/python $(SIDE_BY_SIDE) -m sources $(FLIGHTS)
 	$(BIN)/python -m pytest -n 4 --dist loadscope tests/interop || \
 	  $(BIN)/python -m pytest --last-failed --last-failed-no-failures none tests/interop
 
