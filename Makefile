@@ -88,7 +88,7 @@ unexport PYTHONDONTWRITEBYTECODE
 test: coverage $(COMPILED) $(DEV_READY)
 	$(BIN)/python $(SIDE_BY_SIDE) -m "not compiled" $(CORE_TESTS:%=--ignore %) --ignore tests/interop
 	UNDERSTORY_PURE= $(BIN)/python $(SIDE_BY_SIDE) $(FLIGHTS)
-	$(BIN)/python -m pytest -n 4 --dist loadscope tests/interop || \
+	$(BIN)/python -m pytest -n 6 --dist loadscope tests/interop || \
 	  $(BIN)/python -m pytest --last-failed --last-failed-no-failures none tests/interop
 
 TIMES ?= 20
