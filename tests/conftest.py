@@ -27,7 +27,7 @@ from tests.unit.shell.service_kit import Manager
 settings.register_profile("understory", derandomize=True, deadline=None)
 settings.load_profile("understory")
 FLIGHTS = [Path(__file__).parent / name for name in ("scenario", "study", "report")]  # as in the Makefile
-PAGES = "test_pages_run.py"  # all that the tutorial flies, in one test
+LONGEST = ("test_pages_run.py", "test_followers_without_d2.py", "test_search_slice.py")  # half a minute in one test
 FUZZ = int(os.environ.get("FUZZ", "0"))  # `make fuzz`: so many times as many examples, others each time
 
 # Thousands of tests are many objects, and all of them stay: not to be searched for garbage again and again.
@@ -37,7 +37,7 @@ gc.set_threshold(20_000, 20, 100)
 @pytest.hookimpl(tryfirst=True)  # before -m leaves out some
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     # What takes longest begins first: else one core waits at the end for the other.
-    items.sort(key=lambda item: (item.path.name != PAGES, not flies_swarms(item)))
+    items.sort(key=lambda item: (item.path.name not in LONGEST, not flies_swarms(item)))
     for item in items:
         if flies_swarms(item) and not item.get_closest_marker("sources"):
             item.add_marker("compiled")
