@@ -11,7 +11,7 @@ DEV_READY := $(VENV)/.ready-dev
 MISSION ?= mission/examples/lone_tree.toml
 FLY ?=
 
-.PHONY: help install pure fly test dev fuzz taken-out mutants coverage check bench referees other-simulators conformance table1 bundle board-test docs dialect page page-check site site-parts site-check lock clean
+.PHONY: help install pure fly test dev fuzz taken-out mutants coverage check bench referees other-simulators conformance table1 bundle board-test docs dialect page page-parts page-check site site-parts site-check lock clean
 
 help:
 	@echo "make fly      set everything up, fly 8 vehicles to a tree     (MISSION=... FLY='-n 4 --seed 2')"
@@ -77,7 +77,7 @@ fly: $(READY)
 	@test -e $(COMPILED) || echo "flying pure Python; make install compiles what flies, for more speed"
 	$(BIN)/sim-bridge fly $(MISSION) --map --open $(FLY)
 
-# Swarms fly compiled, which takes about half of the time; those of these tests that need the sources come after.
+# Swarms fly compiled, which takes about half of the time; those of these tests that need the sources run with the others.
 # Those of tests/interop mostly wait for the wall clock: many side by side, when the others no longer need the cores. Real
 # time on a computer that is busy with others' work may fail them all the same: such are tried once more, each by itself.
 FLIGHTS := tests/scenario tests/study tests/report
@@ -86,10 +86,9 @@ SIDE_BY_SIDE := -m pytest -n logical --dist worksteal
 unexport PYTHONDONTWRITEBYTECODE
 
 test: coverage $(COMPILED) $(DEV_READY)
-	$(BIN)/python $(SIDE_BY_SIDE) $(CORE_TESTS:%=--ignore %) $(FLIGHTS:%=--ignore %) --ignore tests/interop
+	$(BIN)/python $(SIDE_BY_SIDE) -m "not compiled" $(CORE_TESTS:%=--ignore %) --ignore tests/interop
 	UNDERSTORY_PURE= $(BIN)/python $(SIDE_BY_SIDE) $(FLIGHTS)
-	$(BIN)/python $(SIDE_BY_SIDE) -m sources $(FLIGHTS)
-	$(BIN)/python -m pytest -n 4 --dist loadscope tests/interop || \
+	$(BIN)/python -m pytest -n 6 --dist loadscope tests/interop || \
 	  $(BIN)/python -m pytest --last-failed --last-failed-no-failures none tests/interop
 
 TIMES ?= 20
@@ -175,11 +174,17 @@ dialect: $(READY)
 
 WEB := sim_bridge/judge/page/web
 
-page:
-	cd $(WEB) && npm ci && npm run build
+$(WEB)/node_modules/.ready: $(WEB)/package.json $(WEB)/package-lock.json
+	cd $(WEB) && npm ci --no-audit --no-fund
+	@touch $@
 
-page-check:
-	cd $(WEB) && npm ci && npm run lint && npm test && npm run check
+page-parts: $(WEB)/node_modules/.ready
+
+page: page-parts
+	cd $(WEB) && npm run build
+
+page-check: page-parts
+	cd $(WEB) && npm run lint && npm test && npm run check
 
 # The pages' generator in an environment of its own.
 SITE := .venv-site

@@ -2,7 +2,8 @@
 
 Tests reach into objects, copy them and replace their parts, which compiled ones do not allow: this process imports
 the sources. The programs that tests start are compiled, and must fly the same. `UNDERSTORY_PURE= pytest` is compiled,
-too, as `make test` runs those that fly swarms; those marked `sources` are left out then, and run by themselves.
+too, as `make test` runs those that fly swarms (marked `compiled` here, by their folder); those of them that are marked
+`sources` are left out then, and run with the rest.
 """
 
 from __future__ import annotations
@@ -25,13 +26,21 @@ from tests.unit.shell.service_kit import Manager
 
 settings.register_profile("understory", derandomize=True, deadline=None)
 settings.load_profile("understory")
+FLIGHTS = [Path(__file__).parent / name for name in ("scenario", "study", "report")]  # as in the Makefile
+LONGEST = ("test_pages_run.py", "test_followers_without_d2.py", "test_search_slice.py")  # half a minute in one test
 FUZZ = int(os.environ.get("FUZZ", "0"))  # `make fuzz`: so many times as many examples, others each time
 
 # Thousands of tests are many objects, and all of them stay: not to be searched for garbage again and again.
 gc.set_threshold(20_000, 20, 100)
 
 
+@pytest.hookimpl(tryfirst=True)  # before -m leaves out some
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    # What takes longest begins first: else one core waits at the end for the other.
+    items.sort(key=lambda item: (item.path.name not in LONGEST, not flies_swarms(item)))
+    for item in items:
+        if flies_swarms(item) and not item.get_closest_marker("sources"):
+            item.add_marker("compiled")
     if STATE == "compiled":
         needy = [item for item in items if item.get_closest_marker("sources")]
         config.hook.pytest_deselected(items=needy)
@@ -41,6 +50,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             usual = getattr(drawn, "_hypothesis_internal_use_settings", settings.default)
             more = settings(usual, derandomize=False, max_examples=FUZZ * usual.max_examples)
             drawn._hypothesis_internal_use_settings = more
+
+
+def flies_swarms(item: pytest.Item) -> bool:
+    return any(folder in item.path.parents for folder in FLIGHTS)
 
 
 def pytest_collection_finish() -> None:

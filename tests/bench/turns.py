@@ -131,6 +131,6 @@ def pure_copy(checkout: Path) -> Iterator[Path]:
             shutil.copytree(
                 checkout / package,
                 Path(folder) / package,
-                ignore=shutil.ignore_patterns("*.so", "*.pyd", "__pycache__"),
+                ignore=shutil.ignore_patterns("*.so", "*.pyd", "__pycache__", "node_modules"),
             )
         yield Path(folder)

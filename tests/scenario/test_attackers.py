@@ -16,8 +16,6 @@ from sim_bridge.lab.search.draw import draw
 from sim_bridge.lab.search.flight import fly_to_row
 from tests.flights import flown, short_mission
 
-pytestmark = pytest.mark.sources
-
 OUTSIDER = {"kind": "outsider", "vehicles": [2], "at_s": 0.5}
 PUSH = {"kind": "insider", "lie": "push", "vehicles": [2], "at_s": 12.0, "for_s": 6.0}
 

@@ -28,32 +28,33 @@ from sim_bridge.lab.search.draw import draw
 from sim_bridge.lab.study.backends.agents import fly_stack
 from tests.flights import short_mission
 
-pytestmark = pytest.mark.sources  # it inherits from what is compiled elsewhere
-
 SEEDS = (1001, 1002, 1003, 1005, 1008)
 UNTIL_S = 90.0  # of each flight: gathered, and on the way
 AWAY_M = 1000.0
 
 
-class Twins(InProcess):
+class Twins:
     """A companion, and another one of the same vehicle that looks for another d2."""
 
     STAGES = FLIGHT_STAGES
 
     def __init__(self, mission: Mission, vehicle_id: int, **options: Any) -> None:
-        super().__init__(mission, vehicle_id, **{**options, "stages": self.STAGES})
+        self.one = InProcess(mission, vehicle_id, **{**options, "stages": self.STAGES})
         self.twin = InProcess(elsewhere(mission), vehicle_id, stages=self.STAGES)
         self.has_led = False
         self.compared = 0
 
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.one, name)
+
     def send(self, from_peers: bytes, from_autopilot: bytes, now_s: float, from_sensor: bytes = b"") -> None:
-        super().send(from_peers, from_autopilot, now_s, from_sensor)
+        self.one.send(from_peers, from_autopilot, now_s, from_sensor)
         self.twin.send(from_peers, from_autopilot, now_s, from_sensor)
-        agent = self.endpoint.agent
+        agent = self.one.endpoint.agent
         leads = agent.swarm.election.role in (Role.CLAIMANT, Role.LEADER) and agent.flight.state in STEERED
         self.has_led = self.has_led or leads  # on the ground each claims until it has heard of another
         if not self.has_led:
-            mine, others = (setpoints(one.receive()[1]) for one in (self, self.twin))
+            mine, others = (setpoints(one.receive()[1]) for one in (self.one, self.twin))
             assert mine == others, f"vehicle {self.id} at {now_s:.2f} s"
             self.compared += bool(mine)
 
