@@ -33,7 +33,7 @@ from companion.core.vehicle.failsafe import Finding, Readings, Source
 from mission.common.frames import Vec3
 
 # Of a fix less the noise that its receiver's velocity has not: a walk of 1 or 2 m, within a minute, is GNSS's own
-BY_VELOCITY: Final = Noise(fix_m=0.5, fix_memory_s=5.0, walk_m2_per_s=0.02, share=0.0, alarm=20.0)
+BY_VELOCITY: Final = Noise(fix_m=0.5, fix_memory_s=5.0, walk_m2_per_s=0.02, share=0.0, alarm=22.0)
 FOUND_M: Final = 1.0  # error of a position after the fix was found to be wrong
 SEEN_MPS: Final = 0.04  # by which that grows while trunks tell the motion: as DeadReckoning has it
 GUESSED_MPS: Final = 0.2  # and by the drift that was found alone
