@@ -88,6 +88,19 @@ def test_two_parts_that_hear_nobody_pass_each_other_in_different_layers() -> Non
     assert all(swarm.aircraft[k].state is FlightState.SEEKING for k in swarm.aircraft)
 
 
+def test_part_that_has_the_majority_again_goes_on_only_when_it_leaves_its_layer() -> None:
+    """Others that it does not hear may stand there."""
+    swarm = on_the_way(4)
+    swarm.apart |= {1, 2}
+    swarm.run(20.0)
+    swarm.apart -= {2}
+    before = {k: swarm.aircraft[k].pos_ned_m for k in (2, 3, 4)}
+    while max(heights_m(swarm, {2, 3, 4})) < BELOW_M + HELD_M:
+        swarm.run(0.1)
+        assert all(math.dist(before[k][:2], swarm.aircraft[k].pos_ned_m[:2]) <= 1.5 for k in before)
+    swarm.until("COVERAGE", limit_s=90.0, among={2, 3, 4})
+
+
 def test_without_layers_nobody_leaves_the_missions_height() -> None:
     swarm = on_the_way(layers=False)
     swarm.apart |= REAR

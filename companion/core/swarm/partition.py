@@ -120,6 +120,11 @@ class NetworkPartition:
             return self._held_m
         return self._layer_m
 
+    @property
+    def leaves_layer(self) -> bool:
+        """With the majority again, and not yet back at the mission's height: others may stand where it is."""
+        return self._layer_m is not None and self._whole_s is not None
+
     def _is_way_free(self, picture: Picture) -> bool:
         others = [n.rel_ned_m for n in picture.neighbours] + find_hover_places(picture.silent.values())
         return all([math.hypot(rel[0], rel[1]) >= self._clear_m for rel in others])
