@@ -173,3 +173,69 @@ def test_follower_keeps_its_distance_when_the_one_before_it_stops_at_a_trunk_and
         own_m += own_mps * DT_S
         least_m = min(least_m, front[-1][0] - own_m)
     assert least_m > FILTER.hard_separation_m - 0.6
+
+
+def rest_beside(
+    trunks: list[tuple[float, float]],
+    *,
+    wrong_mps: tuple[float, float],
+    dead_ticks: int,
+    noise_m: float,
+    wish: Vec3 = ZERO,
+    pusher: Vec3 | None = None,
+) -> tuple[float, float]:
+    """Half a minute: the least distance from a trunk, and the way (m) of the last 20 s.
+
+    `wrong_mps`: the true velocity is that much more than the reported one, by which setpoints are flown.
+    """
+    rng = random.Random(1)
+    pos, vel, last = (0.0, 0.0), (0.0, 0.0), ZERO
+    under_way = [(0.0, 0.0)] * dead_ticks
+    nearest_m, way_m = math.inf, 0.0
+    for k in range(600):
+        reported = Position((*pos, -8.0), (vel[0] - wrong_mps[0], vel[1] - wrong_mps[1], 0.0))
+        points = LocalObstacleCloud(7.35, SEEN)
+        seen = [(n - pos[0] + rng.gauss(0.0, noise_m), e - pos[1] + rng.gauss(0.0, noise_m)) for n, e in trunks]
+        points.add_points([n for n, _ in seen], [e for _, e in seen], CLEAR_M)
+        around = [] if pusher is None else [neighbour(2, sub(pusher, (*pos, 0.0)))]
+        last = applied(FILTER, wish, last, reported, around, [], dt_s=DT_S, points=points)
+        under_way.append((last[0] + wrong_mps[0], last[1] + wrong_mps[1]))
+        goal = under_way.pop(0)
+        share = -math.expm1(-DT_S / LAG_S)
+        vel = vel[0] + share * (goal[0] - vel[0]), vel[1] + share * (goal[1] - vel[1])
+        pos = pos[0] + vel[0] * DT_S, pos[1] + vel[1] * DT_S
+        nearest_m = min([nearest_m, *[math.dist(pos, trunk) for trunk in trunks]])
+        way_m += math.hypot(*vel) * DT_S if k >= 200 else 0.0
+    return nearest_m, way_m
+
+
+@pytest.mark.parametrize("wish", [ZERO, (0.5, 0.0, 0.0), (0.3, 1.0, 0.0)])
+@pytest.mark.parametrize("dead_ticks", [0, 2, 5])
+def test_vehicle_at_rest_beside_a_trunk_does_not_drift_into_it_by_a_wrong_velocity(wish: Vec3, dead_ticks: int) -> None:
+    """By as much as velocities are wrong that trunks have corrected."""
+    nearest_m, _ = rest_beside([(0.7, 0.0)], wrong_mps=(0.25, 0.0), dead_ticks=dead_ticks, noise_m=0.02, wish=wish)
+    assert nearest_m > 0.35 + 0.05  # the hull, and some
+
+
+@pytest.mark.parametrize("half_m", [0.45, 0.5, 0.55, 0.6, 0.65, 0.8])
+@pytest.mark.parametrize("dead_ticks", [0, 2, 5])
+def test_vehicle_between_two_trunks_is_not_driven_to_and_fro(half_m: float, dead_ticks: int) -> None:
+    gap = [(half_m, 0.0), (-half_m, 0.0)]
+    nearest_m, way_m = rest_beside(gap, wrong_mps=(0.0, 0.0), dead_ticks=dead_ticks, noise_m=0.02)
+    assert nearest_m > min(half_m, CLEAR_M) - 0.1
+    assert way_m < 1.0  # 5 cm/s
+
+
+def test_vehicle_that_gets_away_from_a_trunk_is_not_pushed_at_a_neighbour() -> None:
+    nearest_m, _ = rest_beside([(0.5, 0.0)], wrong_mps=(0.0, 0.0), dead_ticks=2, noise_m=0.0, pusher=(-5.3, 0.0, 0.0))
+    assert nearest_m == pytest.approx(0.5, abs=0.02)  # it is at `hard_separation_m` and its margin: it stays
+
+
+@pytest.mark.parametrize("speed_mps", [0.0, 0.6, 1.3])
+def test_vehicle_that_passes_within_its_clearance_gets_away_and_does_not_only_brake(speed_mps: float) -> None:
+    """As in a stem map: it came to rest 0.4 m from the bark, where 0.65 m are kept, and drifted on."""
+    points = LocalObstacleCloud(7.35, SEEN)
+    points.add_points([0.12, 0.06, -0.05, -0.12], [0.42, 0.42, 0.43, 0.44], CLEAR_M)
+    own, last = Position((0.0, 0.0, -8.0), (speed_mps, 0.05, 0.0)), (-0.12, 0.05, 0.0)
+    told = applied(FILTER, (2.5, -0.5, 0.0), last, own, dt_s=DT_S, points=points)
+    assert told[1] < -0.05

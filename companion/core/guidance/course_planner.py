@@ -63,11 +63,12 @@ class CoursePlanner:
         wider_m: float,
         reach_m: float,
         disturbance: Disturbance = CALM,
+        beyond_m: float = FREE_BEYOND_M,
     ) -> tuple[float, float] | None:
         """Level velocity (north, east) in place of the desired; None: no candidate leads clear.
 
         `wider_m`: more than the cloud's clearances, for gusts; `reach_m`: how far ahead anything matters.
-        `bounds`: on closing on neighbours, which cost.
+        `bounds`: on closing on neighbours, which cost. `beyond_m`: what a free course keeps beyond the clearances.
         """
         desired_mps = min(math.hypot(desired[0], desired[1]), self._seen_mps(cloud, disturbance))
         self.verified = 0
@@ -76,9 +77,9 @@ class CoursePlanner:
             return desired
         reach_m = min(LOOK_AHEAD_M, max(reach_m, 0.5))
         heading = math.atan2(desired[1], desired[0])
-        free_m = self._free_ways(cloud, disturbance, vel, heading, wider_m + FREE_BEYOND_M, reach_m)
+        free_m = self._free_ways(cloud, disturbance, vel, heading, wider_m + beyond_m, reach_m)
         self.ahead_m = free_m[COURSES]
-        costs = self._costs(desired_mps, heading, free_m, reach_m, bounds)
+        costs = self._costs(desired_mps, heading, free_m, reach_m, bounds, beyond_m)
         passed, wide_m = cloud, 0.0
         for _ in range(len(costs)):
             if self.verified >= VERIFIED_MAX:
@@ -161,14 +162,20 @@ class CoursePlanner:
         return free_m
 
     def _costs(
-        self, desired_mps: float, heading: float, free_m: list[float], reach_m: float, bounds: Sequence[Bound]
+        self,
+        desired_mps: float,
+        heading: float,
+        free_m: list[float],
+        reach_m: float,
+        bounds: Sequence[Bound],
+        beyond_m: float,
     ) -> list[float]:
         """Of each course at each speed, courses from left to right."""
         costs: list[float] = []
         tight = [bound for bound in bounds if bound.most_mps < desired_mps]
         side = self.side
         old_n, old_e = self._course
-        ways_m = [self._response.way_m(share * desired_mps) - FREE_BEYOND_M for share in SPEEDS]
+        ways_m = [self._response.way_m(share * desired_mps) - beyond_m for share in SPEEDS]
         for k in range(len(free_m)):
             turn = k - COURSES
             angle = heading + turn * COURSE_STEP_RAD

@@ -15,7 +15,7 @@ from companion.core.perception.obstacle_memory import SeenBefore
 
 DESIRED_LEAST_MPS: Final = 0.5  # a vehicle that desires less is not stuck
 BLOCKED_M: Final = 3.0  # nor is one that had so much free way ahead all the time: it gives way to others
-PATIENCE_S: Final = 6.0
+PATIENCE_S: Final = 3.0
 SEARCH_S: Final = 0.5  # a way is searched anew so often, with what was seen meanwhile
 SEARCH_MAX_S: Final = 90.0
 TARGET_M: Final = 20.0  # along the desired, to which a way is searched
@@ -66,6 +66,11 @@ class DeadEndRecovery:
         self._here: tuple[float, float] | None = None
         self._way: tuple[float, float] | None = None  # the direction of a way that is flown; None: none is
         self._searched_s = self._since_s = 0.0  # since it is flown, and since it was searched last
+
+    @property
+    def follows_way(self) -> bool:
+        """It flies a way that was found."""
+        return self._way is not None
 
     def redirect(
         self,

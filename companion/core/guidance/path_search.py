@@ -1,7 +1,8 @@
 """A way out: A* over all that has been seen, on a grid about the vehicle; what was never seen counts as free.
 
-With what is seen on the way it is searched anew, so that in a finite stand a way that there is is found. It leads, and
-no more: each setpoint on it is verified as any other.
+The grid's cells stand still while the vehicle moves: a gap that was a way is one half a second later. With what is seen
+on the way it is searched anew, so that in a finite stand a way that there is is found. It leads, and no more: each
+setpoint on it is verified as any other.
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ from companion.core.perception.obstacle_memory import SeenBefore
 CELL_M: Final = 0.5
 HALF_CELLS: Final = 48  # of the grid to either side: 24 m
 SIDE: Final = 2 * HALF_CELLS + 1
-WIDER_M: Final = 0.1  # than what the filter keeps: half of a cell's rounding
+# Than what the filter keeps: half of a cell's rounding. As much is a free course while the way is flown, or a gap that
+# it leads to would not be one to the planner
+WIDER_M: Final = 0.1
 EXPANDED_MAX: Final = 6000  # cells; all of them are 9409
 REACHED_CELLS: Final = 4.0  # of the target: a trunk may stand there
 SLACK_M: Final = 0.05  # a vehicle that is too near to a point already may go where it comes no nearer than by this
@@ -43,12 +46,14 @@ def find_way(
     `target`: metres north and east of the vehicle. `known`: places that are not seen but known, north and east of the
     vehicle, and what is kept from each.
     """
-    blocked = _mark_blocked(seen, seen.clear_m + WIDER_M)
+    off = off_n, off_e = seen.find_offset(CELL_M)
+    blocked = _mark_blocked(seen, seen.clear_m + WIDER_M, off)
     for north_m, east_m, keep_m in known:
         away_m = math.hypot(north_m, east_m)
         # One that is too near already may go where it comes no nearer
-        _block_disc(blocked, north_m, east_m, keep_m + WIDER_M if away_m > keep_m else away_m - CELL_M)
-    goal_n, goal_e = _clamp(target[0] / CELL_M), _clamp(target[1] / CELL_M)
+        wide_m = keep_m + WIDER_M if away_m > keep_m else away_m - CELL_M
+        _block_disc(blocked, north_m + off_n, east_m + off_e, wide_m)
+    goal_n, goal_e = _clamp((target[0] + off_n) / CELL_M), _clamp((target[1] + off_e) / CELL_M)
     start = _index(0, 0)
     least_m = [math.inf] * (SIDE * SIDE)
     came = [-1] * (SIDE * SIDE)
@@ -63,7 +68,7 @@ def find_way(
             continue  # it was reached by a shorter way since
         expanded += 1
         if left <= REACHED_CELLS:
-            return _aim(here, came, blocked)
+            return _aim(here, came, blocked, off)
         for d_n, d_e, length in STEPS:
             to_n, to_e = at_n + d_n, at_e + d_e
             if abs(to_n) > HALF_CELLS or abs(to_e) > HALF_CELLS:
@@ -76,13 +81,17 @@ def find_way(
     return None
 
 
-def _mark_blocked(seen: SeenBefore, clear_m: float) -> bytearray:
-    """Cells whose middle is nearer to a point than `clear_m`; a vehicle that is itself may leave."""
+def _mark_blocked(seen: SeenBefore, clear_m: float, off: tuple[float, float]) -> bytearray:
+    """Cells whose middle is nearer to a point than `clear_m`; a vehicle that is itself may leave.
+
+    `off`: where the vehicle is, from the middle of its cell.
+    """
     blocked = bytearray(SIDE * SIDE)
     norths, easts = seen.find_near(HALF_CELLS * CELL_M + clear_m)
+    norths, easts = [n + off[0] for n in norths], [e + off[1] for e in easts]
     for k in range(len(norths)):
         _block_disc(blocked, norths[k], easts[k], clear_m)
-    own_m = _nearest_m(norths, easts, 0.0, 0.0)
+    own_m = _nearest_m(norths, easts, off[0], off[1])
     if own_m < clear_m:
         for at_n in (-2, -1, 0, 1, 2):
             for at_e in (-2, -1, 0, 1, 2):
@@ -110,7 +119,7 @@ def _nearest_m(norths: list[float], easts: list[float], north_m: float, east_m: 
     return math.sqrt(least_m2)
 
 
-def _aim(last: int, came: list[int], blocked: bytearray) -> tuple[float, float] | None:
+def _aim(last: int, came: list[int], blocked: bytearray, off: tuple[float, float]) -> tuple[float, float] | None:
     """Direction to the farthest cell of the way, AHEAD_M at most, to which the straight line is free."""
     way = [last]
     while came[way[-1]] >= 0:
@@ -123,8 +132,11 @@ def _aim(last: int, came: list[int], blocked: bytearray) -> tuple[float, float] 
         if k > 1 and (is_far or not _is_line_free(at_n, at_e, blocked)):
             break
         aim_n, aim_e = at_n, at_e
-    away = math.hypot(aim_n, aim_e)
-    return (aim_n / away, aim_e / away) if away > 0.0 else None
+    if aim_n == 0 and aim_e == 0:
+        return None
+    to_n, to_e = aim_n * CELL_M - off[0], aim_e * CELL_M - off[1]
+    away_m = math.hypot(to_n, to_e)
+    return to_n / away_m, to_e / away_m
 
 
 def _is_line_free(to_n: int, to_e: int, blocked: bytearray) -> bool:

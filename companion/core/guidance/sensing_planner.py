@@ -10,10 +10,11 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Final, final
 
 from companion.core.guidance import formation
-from companion.core.guidance.course_planner import CoursePlanner
+from companion.core.guidance.course_planner import FREE_BEYOND_M, CoursePlanner
 from companion.core.guidance.dead_end_recovery import DeadEndRecovery
 from companion.core.guidance.guidance_input import GuidanceInput
 from companion.core.guidance.local_planner import LocalPlanner, not_against
+from companion.core.guidance.path_search import WIDER_M
 from companion.core.localisation.peer_table import PeerTable
 from companion.core.localisation.predicted_corridors import PredictedCorridor
 from companion.core.model.beacon import PeerReport
@@ -182,6 +183,7 @@ class SensingPlanner(LocalPlanner):
             wider_m=self.wider_m,
             reach_m=reach_m,
             disturbance=disturbance,
+            beyond_m=WIDER_M if self._recovery.follows_way else FREE_BEYOND_M,  # as the search for the way had it
         )
 
 

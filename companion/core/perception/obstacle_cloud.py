@@ -191,6 +191,15 @@ class LocalObstacleCloud:
             n, e = n * most_mps / size, e * most_mps / size
         return n, e
 
+    def find_way_out(self) -> tuple[float, float, float]:
+        """Direction (unit vector north, east) away from the point of which most clearance is lacking; and how much."""
+        most_m, n, e = 0.0, 0.0, 0.0
+        for k in range(len(self.norths)):
+            away_m = self.away_m[k]
+            if self.clears_m[k] - away_m > most_m and away_m > ROUNDING_M:
+                most_m, n, e = self.clears_m[k] - away_m, -self.norths[k] / away_m, -self.easts[k] / away_m
+        return n, e, most_m
+
     def nearest_m2(self, north_m: float, east_m: float) -> float:
         """Square of the distance of a place from the nearest of them."""
         least = math.inf

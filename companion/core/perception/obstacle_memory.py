@@ -36,6 +36,13 @@ class SeenBefore:
         self.clear_m: Final = clear_m
         self._here_n, self._here_e = here
 
+    def find_offset(self, cell_m: float) -> tuple[float, float]:
+        """Offset of the vehicle from the middle of its cell, in a grid that stands still: metres north and east."""
+        return (
+            self._here_n - cell_m * math.floor(self._here_n / cell_m + 0.5),
+            self._here_e - cell_m * math.floor(self._here_e / cell_m + 0.5),
+        )
+
     def find_near(self, within_m: float) -> tuple[list[float], list[float]]:
         """Points within a square of that half side about the vehicle."""
         norths: list[float] = []

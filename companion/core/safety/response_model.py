@@ -156,22 +156,25 @@ class ResponseModel:
             return False
         return cloud.is_way_clear(n, e, n + share * u_n, e + share * u_e)
 
-    def nearest_m(
+    def find_nearest_m(
         self,
         cloud: LocalObstacleCloud,
         vel: tuple[float, float],
         last: tuple[float, float],
         commanded: tuple[float, float],
         disturbance: Disturbance = CALM,
-    ) -> float:
-        """Least distance from any point within ESCAPE_S, with `commanded` from now on; as `is_clear`."""
+    ) -> tuple[float, float]:
+        """Distance from the nearest point within ESCAPE_S: the least on the way, and the one at its end; as `is_clear`.
+
+        With `commanded` from now on.
+        """
         u_n, u_e = vel
         s_n, s_e = last
         n = e = 0.0
         if disturbance.under_way is not None:
             n, e = disturbance.under_way[0], disturbance.under_way[1]
             u_n, u_e = u_n + disturbance.under_way[2], u_e + disturbance.under_way[3]
-        least = math.inf
+        least = last_m2 = math.inf
         most_mps = self.acceleration_mps2 * STEP_S
         dead = round(DEAD_S / STEP_S)
         for k in range(round(ESCAPE_S / STEP_S)):
@@ -183,8 +186,9 @@ class ResponseModel:
                 d_n, d_e = d_n * most_mps / step_mps, d_e * most_mps / step_mps
             n, e = n + (u_n + 0.5 * d_n) * STEP_S, e + (u_e + 0.5 * d_e) * STEP_S
             u_n, u_e = u_n + d_n, u_e + d_e
-            least = min(least, cloud.nearest_m2(n, e))
-        return math.sqrt(least)
+            last_m2 = cloud.nearest_m2(n, e)
+            least = min(least, last_m2)
+        return math.sqrt(least), math.sqrt(last_m2)
 
 
 def follow_lagged(

@@ -23,7 +23,7 @@ from typing import Final
 
 from companion.core.model.states import CLIMBING, DESCENDING
 from companion.core.model.vectors import ZERO, dot, is_finite, limit, norm, scale, sub
-from companion.core.perception.obstacle_cloud import Obstacle, ObstacleKind
+from companion.core.perception.obstacle_cloud import GIVES_M, LocalObstacleCloud, Obstacle, ObstacleKind
 from companion.core.perception.vehicle_tracks import SeenVehicle
 from companion.core.safety.bounds import (
     TOLERANCE_MPS,
@@ -51,6 +51,10 @@ ESCAPE_MAX_MPS: Final = 1.0
 ESCAPE_GAIN_M: Final = 0.02  # less is not worth to leave rest for
 BETWEEN_HEIGHTS: Final = CLIMBING | DESCENDING
 AGAINST: Final = 0.5  # of the speed, to brake harder than rest does
+# Out of a clearance, from what a verified way may give of it on: faster than corrected velocities are wrong, or one
+# that rests beside a trunk drifts into it. Half of the margin below the clearance it is flown at the most.
+OUT_PER_S: Final = 4.0
+OUT_MAX_MPS: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +103,9 @@ class SafetyFilter:
           those of S contradict one another, who asks it to get away gives first. So no word pushes it at a third one.
 
         With an obstacle sensor it is as much of that v (0..1) as leads to rest clear of all that was seen
-        (`ResponseModel.is_clear`), or rest: where v points away from a limit or a neighbour, trunks come first.
+        (`ResponseModel.is_clear`), or rest: where v points away from a limit or a neighbour, trunks come first. A
+        vehicle that is nearer than it should be by more than GIVES_M desires to get away besides, by OUT_PER_S, as far
+        as that v leads clear.
         Braking so leaves the acceleration limit: the setpoint is v, half of v, or in true motion (with `drift`) at most
         ESCAPE_MAX_MPS and AGAINST of the own speed, in one tick; how the vehicle follows is in `ResponseModel`.
         """
@@ -114,39 +120,63 @@ class SafetyFilter:
         separations = self.separations(around, drift)
         bounded = self._shorten(find_nearest(limited, limits, separations))
         last = self._shorten(around.commanded_ned_mps) if is_finite(around.commanded_ned_mps) else ZERO
-        reached = step_towards(bounded, last, [*limits, *separations], self.acceleration_max_mps2 * dt_s)
-        v = self._keep_stop_clear(reached, last, around, limits, dt_s) if self.senses else reached
+        reached = v = step_towards(bounded, last, [*limits, *separations], self.acceleration_max_mps2 * dt_s)
+        if self.senses:
+            tried = [scale(reached, share) if share < 1.0 else reached for share in SHARES]
+            led_out = self._lead_out(limited, around.cloud, drift)
+            if led_out != limited:
+                bounded_out = self._shorten(find_nearest(led_out, limits, separations))
+                step_mps = self.acceleration_max_mps2 * dt_s
+                tried.insert(0, step_towards(bounded_out, last, [*limits, *separations], step_mps))
+            v = self._keep_stop_clear(tried, last, around, limits, dt_s)
         return Setpoint(v, desired, turned, limited, bounded, reached, limits, separations)
 
-    def _keep_stop_clear(self, v: Vec3, last: Vec3, around: Surroundings, limits: Sequence[Bound], dt_s: float) -> Vec3:
-        """`v`, or as much of it as leads to rest clear of what was seen; else rest, which was verified a tick ago."""
+    def _lead_out(self, desired: Vec3, cloud: LocalObstacleCloud, drift: Vec3) -> Vec3:
+        """`desired`, and away from the point that is too near, in true motion; the same where none is."""
+        north, east, lacking_m = cloud.find_way_out()
+        if lacking_m <= GIVES_M:
+            return desired
+        out_mps = min(OUT_MAX_MPS, OUT_PER_S * (lacking_m - GIVES_M))
+        more_mps = out_mps - ((desired[0] + drift[0]) * north + (desired[1] + drift[1]) * east)
+        if more_mps <= 0.0:
+            return desired
+        return (desired[0] + more_mps * north, desired[1] + more_mps * east, desired[2])
+
+    def _keep_stop_clear(
+        self, tried: Sequence[Vec3], last: Vec3, around: Surroundings, limits: Sequence[Bound], dt_s: float
+    ) -> Vec3:
+        """The first of `tried` that leads to rest clear of what was seen; else an escape."""
         if not is_finite(around.own.vel_ned_mps):
             return ZERO
         response, drift = self.response, around.drift_ned_mps
         vel = (around.own.vel_ned_mps[0], around.own.vel_ned_mps[1])
         before = (last[0] + drift[0], last[1] + drift[1])
-        for share in SHARES:
-            flown = (share * v[0] + drift[0], share * v[1] + drift[1])
+        for v in tried:
+            flown = (v[0] + drift[0], v[1] + drift[1])
             if response.is_clear(around.cloud, vel, before, flown, dt_s, slews=False, disturbance=around.disturbance):
-                return scale(v, share) if share < 1.0 else v
+                return v
         return self._escape(vel, before, around, limits)
 
     def _escape(
         self, vel: tuple[float, float], last: tuple[float, float], around: Surroundings, limits: Sequence[Bound]
     ) -> Vec3:
-        """Escapes where nothing is verified: true rest, or what keeps further from what is near and within `limits`."""
+        """Escapes where nothing is verified: true rest, or what keeps further from what is near and within `limits`.
+
+        Where a vehicle is nearest now, all ways keep as near: then the one that ends further off, and comes no nearer.
+        """
         cloud, drift, response = around.cloud, around.drift_ned_mps, self.response
         push_n, push_e = cloud.push_away(0.0, ESCAPE_MAX_MPS)
-        best, most_m = ZERO, -1.0
+        best, most_m, ends_m = ZERO, -1.0, -1.0
         ways = ((0.0, 0.0), (push_n, push_e), (push_n - AGAINST * vel[0], push_e - AGAINST * vel[1]))
         for k in range(len(ways)):  # the first is rest: it may leave the limits, as it leans against the wind
             v = self._shorten(sub((ways[k][0], ways[k][1], 0.0), drift))
             if k > 0 and not all([dot(v, bound.along) <= max(0.0, bound.most_mps) + TOLERANCE_MPS for bound in limits]):
                 continue
             flown = (v[0] + drift[0], v[1] + drift[1])
-            nearest_m = response.nearest_m(cloud, vel, last, flown, around.disturbance)
-            if nearest_m > most_m + ESCAPE_GAIN_M:
-                best, most_m = v, nearest_m
+            nearest_m, end_m = response.find_nearest_m(cloud, vel, last, flown, around.disturbance)
+            is_end_further = nearest_m >= most_m and end_m > ends_m + ESCAPE_GAIN_M
+            if nearest_m > most_m + ESCAPE_GAIN_M or is_end_further:
+                best, most_m, ends_m = v, nearest_m, end_m
         return best
 
     def limits(self, pos_ned_m: Vec3, trunks: Sequence[Obstacle], *, free_up_m: float = -math.inf) -> list[Bound]:

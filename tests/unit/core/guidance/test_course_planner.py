@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from companion.core.guidance.course_planner import VERIFIED_MAX, CoursePlanner
+from companion.core.guidance.course_planner import FREE_BEYOND_M, VERIFIED_MAX, CoursePlanner
+from companion.core.guidance.path_search import WIDER_M
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.safety.bounds import Bound
 from companion.core.safety.response_model import CREEP_MPS, LAG_S, ResponseModel
@@ -74,6 +75,17 @@ def test_wall_ahead_is_not_flown_into() -> None:
     points = points_at(*wall(2.0, -8.0, 8.0))
     course = plan(points, vel=(0.0, 0.0))
     assert course is None or STOPPING.is_clear(points, (0.0, 0.0), (0.0, 0.0), course, 0.3, slews=True)
+
+
+def test_on_a_way_that_was_found_a_gap_is_free_that_is_as_wide_as_the_search_had_it() -> None:
+    """2 x (0.65 + 0.1) m are: by what a free course keeps else it would turn aside before it."""
+    gap = points_at(*wall(4.0, -8.0, -0.78), *wall(4.0, 0.78, 8.0))
+    planner = CoursePlanner(STOPPING)
+    for beyond_m, is_through in ((FREE_BEYOND_M, False), (WIDER_M, True)):
+        course = planner.plan((1.5, 0.0), (1.5, 0.0), (1.5, 0.0), gap, (), wider_m=0.0, reach_m=9.0, beyond_m=beyond_m)
+        assert course is not None
+        assert (abs(course[1]) < 0.2 * course[0]) is is_through
+        planner.reset()
 
 
 def test_boxed_in_vehicle_gets_no_course_and_tries_only_so_many() -> None:

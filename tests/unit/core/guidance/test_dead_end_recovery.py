@@ -22,7 +22,9 @@ from companion.core.model.events import Position
 from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.model.vectors import ZERO, add, scale
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
+from companion.core.perception.obstacle_memory import ObstacleMemory
 from companion.core.safety.safety_filter import SafetyFilter
+from companion.core.safety.surroundings import Surroundings
 from mission.common.frames import Vec3
 from tests.unit.core.core_kit import mission
 from tests.unit.core.core_surroundings import surroundings
@@ -131,3 +133,28 @@ def test_point_mass_finds_its_way_out_of_a_dead_end() -> None:
         nearest_m = min([nearest_m, *[math.hypot(n - pos[0], e - pos[1]) for n, e in trunks]])
     assert math.hypot(30.0 - pos[0], pos[1]) < 3.5
     assert nearest_m > 0.5
+
+
+def test_vehicle_does_not_waver_before_a_gap_that_the_search_takes_for_a_way() -> None:
+    """A wall 20 m wide, with a gap of 1.7 m: the search has it for a way, the planner passed it by for minutes."""
+    flown = mission(sensing={"range_m": 8.0})
+    assert flown.sensing is not None
+    trunks = [(10.0, side * (0.85 + 0.4 * k)) for k in range(23) for side in (-1.0, 1.0)]
+    safety_filter, memory = SafetyFilter.of(flown), ObstacleMemory()
+    planner, pos, vel, last = SensingPlanner(flown, flown.sensing, safety_filter), (0.0, 0.0, -8.0), ZERO, ZERO
+    for k in range(600):
+        near = [(n - pos[0], e - pos[1]) for n, e in trunks if math.hypot(n - pos[0], e - pos[1]) < 8.0]
+        norths, easts = [n for n, _ in near], [e for _, e in near]
+        memory.note_points(norths, easts, pos, [False] * 72, 8.0, 0.05 * k)
+        cloud = LocalObstacleCloud(7.35, [False] * 72, sensor_m=8.0, seen_before=memory.seen_before(pos, 0.65))
+        cloud.add_points(norths, easts, 0.65)
+        away_m = math.hypot(25.0 - pos[0], pos[1])
+        if away_m < 3.5:
+            break
+        around = Surroundings(Position(pos, vel), (), {}, cloud, commanded_ned_mps=last)
+        desired = scale((25.0 - pos[0], -pos[1], 0.0), 3.0 / away_m)
+        course = planner.plan(GuidanceInput(around, **LEADING), desired, 0.05)
+        last = safety_filter.apply(course, around, dt_s=0.05).vel_ned_mps
+        vel = add(vel, scale(add(last, scale(vel, -1.0)), -math.expm1(-0.05 / 0.3)))
+        pos = add(pos, scale(vel, 0.05))
+    assert math.hypot(25.0 - pos[0], pos[1]) < 3.5  # within half a minute

@@ -70,6 +70,18 @@ def test_a_gap_that_is_too_narrow_is_no_way() -> None:
     assert through[0] > 0.9
 
 
+@pytest.mark.parametrize("width_m", [1.5, 1.7, 1.9])
+def test_gap_is_a_way_or_none_from_wherever_the_vehicle_is(width_m: float) -> None:
+    """Cells that moved along with it made a gap a way, and none half a second later."""
+    wall = [(4.0, side * (width_m / 2.0 + 0.2 * k)) for k in range(80) for side in (-1.0, 1.0)]
+    through = set()
+    for k in range(25):
+        here = (0.1 * (k // 5), 0.1 * (k % 5))
+        along = find_way(seen(wall, here), (20.0 - here[0], -here[1]))
+        through.add(along is not None and along[0] > 0.9)
+    assert len(through) == 1
+
+
 def test_one_that_stands_within_what_should_be_kept_finds_out() -> None:
     along = find_way(seen([(0.3, 0.0)]), (-10.0, 0.0))
     assert along is not None
