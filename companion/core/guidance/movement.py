@@ -93,7 +93,9 @@ class Guidance:
             if now.excitation_ned_mps != ZERO:
                 desired = add(desired, now.excitation_ned_mps)
         self._update_heading(now)
-        if now.corridors and now.state in CORRIDORS_COUNT:
+        # Who stands in a layer is where the others take it to be
+        stands = now.state is FlightState.HOLD and now.layer_m is not None
+        if now.corridors and now.state in CORRIDORS_COUNT and not stands:
             desired = add(
                 desired, keep_clear_of(now.corridors, clear_m=clearance_m(ObstacleKind.HIDDEN, Use.PASS, apart.hard_m))
             )

@@ -46,7 +46,7 @@ def lanes(
     return table.predict_corridors(here, 10.0 + age_s, range_m=30.0)
 
 
-def wish(state: FlightState, *lanes: PredictedCorridor) -> Vec3:
+def wish(state: FlightState, *lanes: PredictedCorridor, layer_m: float | None = None) -> Vec3:
     """Of a leader bound east at 3 m/s."""
     return Guidance(mission(sensing={}), 1).find_desired(
         GuidanceInput(
@@ -61,6 +61,7 @@ def wish(state: FlightState, *lanes: PredictedCorridor) -> Vec3:
             goal=((0.0, 130.0, -8.0), 4.0),
             size=3,
             corridors=lanes,
+            layer_m=layer_m,
         )
     )
 
@@ -117,6 +118,13 @@ def test_one_that_has_left_the_range_has_no_lane() -> None:
 def test_vehicle_keeps_off_the_lanes_of_the_hidden_under_way_and_when_it_holds(state: FlightState) -> None:
     off = wish(state, eastward((4.0, -10.0, 0.0)))
     assert off == pytest.approx((wish(state)[0] - LIMIT_MPS, *wish(state)[1:]))
+
+
+def test_vehicle_that_stands_in_a_layer_of_height_leaves_lanes_alone() -> None:
+    """It is to be where the others take it to be."""
+    hidden = eastward((4.0, -10.0, 0.0))
+    assert wish(FlightState.HOLD, hidden, layer_m=6.0) == wish(FlightState.HOLD, layer_m=6.0)
+    assert wish(FlightState.SEEKING, hidden, layer_m=6.0) != wish(FlightState.SEEKING, layer_m=6.0)
 
 
 def test_vehicle_on_its_place_at_the_tree_leaves_lanes_alone() -> None:
