@@ -120,11 +120,21 @@ def test_vehicle_keeps_off_the_lanes_of_the_hidden_under_way_and_when_it_holds(s
     assert off == pytest.approx((wish(state)[0] - LIMIT_MPS, *wish(state)[1:]))
 
 
-def test_vehicle_that_stands_in_a_layer_of_height_leaves_lanes_alone() -> None:
-    """It is to be where the others take it to be."""
+@pytest.mark.parametrize(
+    ("state", "layer_m", "keeps_off"),
+    [
+        (FlightState.HOLD, 6.0, False),
+        (FlightState.TRANSIT, 6.0, False),
+        (FlightState.HOLD, 8.0, False),
+        (FlightState.TRANSIT, 8.0, True),
+    ],
+)
+def test_in_layers_of_height_only_who_flies_at_the_missions_keeps_off_lanes(
+    state: FlightState, layer_m: float, keeps_off: bool
+) -> None:
+    """Who stands is to be where the others take it to be."""
     hidden = eastward((4.0, -10.0, 0.0))
-    assert wish(FlightState.HOLD, hidden, layer_m=6.0) == wish(FlightState.HOLD, layer_m=6.0)
-    assert wish(FlightState.SEEKING, hidden, layer_m=6.0) != wish(FlightState.SEEKING, layer_m=6.0)
+    assert (wish(state, hidden, layer_m=layer_m) != wish(state, layer_m=layer_m)) is keeps_off
 
 
 def test_vehicle_on_its_place_at_the_tree_leaves_lanes_alone() -> None:
