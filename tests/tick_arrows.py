@@ -30,8 +30,8 @@ from unittest.mock import patch
 from companion.core.agent import Agent
 from companion.core.guidance.guidance_input import Desired, GuidanceInput
 from companion.core.model.beacon import Beacon
-from companion.core.model.events import Event, Position
-from companion.core.model.states import Order, Role
+from companion.core.model.events import Event, HeardBeacon, Position
+from companion.core.model.states import BeaconFate, Order, Role
 from companion.core.model.vectors import ZERO
 from companion.core.safety.setpoint import AT_REST, Setpoint
 from companion.core.safety.surroundings import Surroundings
@@ -110,6 +110,7 @@ class Recorder(Agent):
         super().__init__(mission, vehicle_id)
         self.lines: list[str] = []
         self.ended, self._until_s, self._at_s = False, until_s, -1.0
+        self._passed_on: Event | None = None
         self._writer, self._known, self._told = Writer(), (), None
         for name in ("receive_position", "receive_beacon"):
             setattr(self.localiser, name, self._noting(getattr(self.localiser, name)))
@@ -126,8 +127,19 @@ class Recorder(Agent):
             self.lines.append(f"{row} {self._writer.text(value)}")
 
     def receive(self, event: Event, now_s: float) -> None:
-        self._told = None
+        self._told, self._passed_on = None, event
         super().receive(event, now_s)
+        self._write_event(event, now_s)
+
+    def receive_beacon(self, heard: HeardBeacon, now_s: float) -> BeaconFate:
+        if heard is self._passed_on:
+            return super().receive_beacon(heard, now_s)
+        self._told = None
+        fate = super().receive_beacon(heard, now_s)
+        self._write_event(heard, now_s)
+        return fate
+
+    def _write_event(self, event: Event, now_s: float) -> None:
         if now_s != self._at_s:
             self._at_s = now_s
             self._write("at", now_s)

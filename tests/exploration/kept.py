@@ -211,6 +211,7 @@ CONSTANT: dict[type, Sequence[str]] = {
         "_alone_is_company",
         "_alone_beacons_s",
         "_layers",
+        "_held_m",
         "_layer_m",
         "_clear_m",
     ),
