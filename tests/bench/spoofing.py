@@ -23,7 +23,8 @@ from typing import Any
 import numpy as np
 
 import mission
-from companion.core.localisation.integrity.drift_monitor import DriftMonitor
+from companion.core.localisation.integrity.fix_monitor import FixMonitor
+from companion.core.localisation.integrity.own_position import BY_TRUNKS
 from mission.document.model import Mission
 from mission.schema.kinds import RAW_LIDARS, SensorClass
 from sim_bridge.drive import fly as bridge
@@ -69,7 +70,7 @@ def run_alone(seed: int, *, spoofed: bool) -> Run:
     rng = np.random.default_rng([SALT, seed])
     sensor = list(SENSORS)[seed % len(SENSORS)]
     density_per_ha, at_s, drift = float(rng.uniform(100.0, 450.0)), float(rng.uniform(5.0, 45.0)), draw_drift(rng)
-    monitor, off_m = DriftMonitor(), 0.0
+    monitor, off_m = FixMonitor(BY_TRUNKS), 0.0
     rate_mps = math.hypot(*drift) if spoofed else 0.0
     for moment in trace(density_per_ha, sensor, seed, Led(at_s, drift) if spoofed else None):
         off_m = moment.off_m

@@ -159,10 +159,7 @@ class GlobalLocalisation:
 
     def _hold_fix(self, told: Position, now_s: float) -> None:
         """The position that follows fixes, against the way by velocities."""
-        if not self._flown:
-            return
-        if not self._velocity_way.update(told, now_s):
-            self._monitor.forget()
+        if not self._flown or not self._velocity_way.update(told, now_s):
             return
         fix = (told.pos_ned_m[0], told.pos_ned_m[1])
         sd_m = UNTOLD_SD_M if self._said is None else self._said.sd_m
@@ -173,7 +170,7 @@ class GlobalLocalisation:
             now_s,
             frame_rad2=FRAME_RAD2,
             fix_m=sd_m / math.sqrt(2.0),
-            walk_since=way.walk_since,
+            walk_m2_per_s=way.usual_m2_per_s,
         )
         if parted is not None:
             self._drop_fix(parted)
