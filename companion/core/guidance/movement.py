@@ -94,8 +94,8 @@ class Guidance:
                 desired = add(desired, now.excitation_ned_mps)
         self._update_heading(now)
         # In layers who stands is where the others take it to be; who flies on does so at the mission's height
-        is_apart = now.layer_m is not None and now.layer_m != self._mission.route.d1_enu_m[2]
-        stands = is_apart or (now.layer_m is not None and now.state is FlightState.HOLD)
+        is_apart = now.layer_m != self._mission.route.d1_enu_m[2]
+        stands = now.layer_m is not None and (is_apart or now.state is FlightState.HOLD)
         if now.corridors and now.state in CORRIDORS_COUNT and not stands:
             desired = add(
                 desired, keep_clear_of(now.corridors, clear_m=clearance_m(ObstacleKind.HIDDEN, Use.PASS, apart.hard_m))

@@ -36,6 +36,7 @@ CLAIMS = (Role.CLAIMANT, Role.LEADER)
 LED = (FlightState.TRANSIT, FlightState.RETURNING, FlightState.SEEKING)
 LAYER_AFTER_S: Final = 1.0  # without the majority, until it changes its height: not for moments
 REJOINED_S: Final = 3.0  # with it again, until it comes back
+LEAVES_S: Final = 10.0  # so long it waits to come back: one that hovers above may bar the way for good
 # Without it, where there are layers, until a part looks for the others. Several parts may share a layer, and those with
 # the majority come back to where it is: who stands is where the others take it to be.
 STANDS_S: Final = 30.0
@@ -120,10 +121,9 @@ class NetworkPartition:
             return self._held_m
         return self._layer_m
 
-    @property
-    def leaves_layer(self) -> bool:
-        """With the majority again, and not yet back at the mission's height: others may stand where it is."""
-        return self._layer_m is not None and self._whole_s is not None
+    def leaves_layer(self, now_s: float) -> bool:
+        """With the majority again, and about to come back to the mission's height: others may stand where it is."""
+        return self._layer_m is not None and self._whole_s is not None and now_s - self._whole_s <= LEAVES_S
 
     def _is_way_free(self, picture: Picture) -> bool:
         others = [n.rel_ned_m for n in picture.neighbours] + find_hover_places(picture.silent.values())

@@ -342,7 +342,7 @@ class Swarm:
             ahead=[sub(position, picture.offset_ned_m) for position in phases.stops_ahead()],
             phase=phases.phase,
         )
-        if (parts.waits_for and parts.recovery.goal is None) or parts.leaves_layer:
+        if (parts.waits_for and parts.recovery.goal is None) or parts.leaves_layer(picture.now_s):
             self.governor = 0.0
         self._reports.report_waits(parts.waits_for, picture.now_s)
 

@@ -13,7 +13,7 @@ from companion.core.model.beacon import PeerReport
 from companion.core.model.events import Position
 from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.model.vectors import ZERO, norm, sub
-from companion.core.swarm.partition import STANDS_S, build_partition
+from companion.core.swarm.partition import LEAVES_S, STANDS_S, build_partition
 from companion.core.swarm.partition_recovery import BEYOND, FAR_BEYOND, LOST_S, REACHED_M, Stage
 from companion.core.swarm.roster import Roster
 from companion.core.vehicle import failsafe_engine
@@ -219,6 +219,21 @@ def test_vehicle_stays_in_its_layer_while_another_is_above_it() -> None:
     below_m, still_m = layered_part(2, way_m=3.0)
     _, lower_m, _ = list_layers(mission(separation={"height_layers": True}))
     assert below_m == still_m == lower_m
+
+
+@pytest.mark.parametrize("waits_s", [LEAVES_S - 0.5, LEAVES_S + 0.5])
+def test_part_that_has_the_majority_again_does_not_wait_for_ever_below_one_that_hovers(waits_s: float) -> None:
+    parts = build_partition(mission(sensing={}, swarm={"size": 3}, separation={"height_layers": True}))
+    above = {3: PeerReport(3, (3.0, 0.0, -2.0), 1.0, silent=True)}
+    now_s = 100.0
+    for quorum, seconds in ((False, 5.0), (True, waits_s)):
+        for _ in range(round(seconds / PERIOD_S)):
+            now_s += PERIOD_S
+            now = picture(now_s=now_s, state=FlightState.TRANSIT, airborne=True, silent=above)
+            said = replace(lease(2, established=True), quorum=quorum)
+            parts.update_quorum(now, said)
+            parts.update_layer(now, said)
+    assert parts.leaves_layer(now_s) is (waits_s < LEAVES_S)
 
 
 @pytest.mark.parametrize(
