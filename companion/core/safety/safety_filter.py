@@ -103,11 +103,11 @@ class SafetyFilter:
           those of S contradict one another, who asks it to get away gives first. So no word pushes it at a third one.
 
         With an obstacle sensor it is as much of that v (0..1) as leads to rest clear of all that was seen
-        (`ResponseModel.is_clear`), or rest: where v points away from a limit or a neighbour, trunks come first. A
+        (`ResponseModel.is_clear`), or level rest: where v points away from a limit or a neighbour, trunks come first. A
         vehicle that is nearer than it should be by more than GIVES_M desires to get away besides, by OUT_PER_S, as far
         as that v leads clear.
-        Braking so leaves the acceleration limit: the setpoint is v, half of v, or in true motion (with `drift`) at most
-        ESCAPE_MAX_MPS and AGAINST of the own speed, in one tick; how the vehicle follows is in `ResponseModel`.
+        Braking so leaves the acceleration limit: the setpoint is v, half of v, or in true level motion (with `drift`)
+        at most ESCAPE_MAX_MPS and AGAINST of the own speed, in one tick; how the vehicle follows is in `ResponseModel`.
         """
         drift, pos_ned_m = around.drift_ned_mps, around.placed.pos_ned_m
         if not (is_finite(desired_ned_mps) and is_finite(pos_ned_m)):
@@ -155,12 +155,20 @@ class SafetyFilter:
             flown = (v[0] + drift[0], v[1] + drift[1])
             if response.is_clear(around.cloud, vel, before, flown, dt_s, slews=False, disturbance=around.disturbance):
                 return v
-        return self._escape(vel, before, around, limits)
+        return self._escape(vel, before, around, limits, tried[0][2])
 
     def _escape(
-        self, vel: tuple[float, float], last: tuple[float, float], around: Surroundings, limits: Sequence[Bound]
+        self,
+        vel: tuple[float, float],
+        last: tuple[float, float],
+        around: Surroundings,
+        limits: Sequence[Bound],
+        down_mps: float,
     ) -> Vec3:
         """Escapes where nothing is verified: true rest, or what keeps further from what is near and within `limits`.
+
+        Level: `down_mps` is flown as it was desired, or a vehicle that finds no clear way for seconds leaves its height
+        by what its velocity is wrong, up into a crown or down.
 
         Where a vehicle is nearest now, all ways keep as near: then the one that ends further off, and comes no nearer.
         """
@@ -169,7 +177,7 @@ class SafetyFilter:
         best, most_m, ends_m = ZERO, -1.0, -1.0
         ways = ((0.0, 0.0), (push_n, push_e), (push_n - AGAINST * vel[0], push_e - AGAINST * vel[1]))
         for k in range(len(ways)):  # the first is rest: it may leave the limits, as it leans against the wind
-            v = self._shorten(sub((ways[k][0], ways[k][1], 0.0), drift))
+            v = self._shorten((ways[k][0] - drift[0], ways[k][1] - drift[1], down_mps))
             if k > 0 and not all([dot(v, bound.along) <= max(0.0, bound.most_mps) + TOLERANCE_MPS for bound in limits]):
                 continue
             flown = (v[0] + drift[0], v[1] + drift[1])

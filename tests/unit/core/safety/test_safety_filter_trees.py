@@ -74,3 +74,15 @@ def test_vehicle_at_the_ceiling_gets_away_from_a_trunk_though_what_it_is_told_of
     drift = (0.0, 0.0, 0.003)  # so rest, as it is told, climbs by as much
     told = applied(OPEN, ZERO, ZERO, own, [], [], dt_s=DT_S, drift=drift, points=points)
     assert told[0] < -0.1  # against what it flies
+
+
+def test_vehicle_that_finds_no_way_on_keeps_its_height() -> None:
+    """As in a stem map: one rose for 7 s by what its velocity was wrong, and touched a crown 0.2 m above its height."""
+    points = LocalObstacleCloud(7.35, [False] * 72)
+    points.add_points([0.5, 0.0, -0.5], [0.2, 0.5, 0.2], CLEAR_M)
+    own = Position((0.0, 0.0, -8.0), (0.6, 0.3, 0.0))
+    drift = (0.0, 0.0, -0.03)  # it rises by so much where it is told rest
+    told = ZERO
+    for _ in range(20):
+        told = applied(OPEN, (0.0, 0.0, 0.1), told, own, [], [], dt_s=DT_S, drift=drift, points=points)
+    assert told[2] == pytest.approx(0.1 + 0.03, abs=0.01)
