@@ -1,7 +1,9 @@
 """Stems in a level scan: rays side by side that hit one thing as wide and as round as a stem, with its axis.
 
 A cluster ends where ranges part by CLOSE_M and three sigmas, and where a ray went on; one ray that was not measured is
-bridged. Two clusters within LEAVES_M are taken for leaves, not for stems.
+bridged. Two clusters within LEAVES_M are taken for leaves, not for stems. A stem at the seam of a turn, where its first
+rays are beside its last, is seen from where the vehicle was at both ends, and has moved meanwhile, if it is a vehicle:
+it is fitted as it was last.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ ROUND_M: Final = 0.02  # and bark
 RANGE_SD_M: Final = 0.01  # more of the axis' range: bark, and the radius
 LEAVES_M: Final = 1.0
 HIDDEN_M: Final = 0.3  # a neighbouring ray that ends so much nearer hides an edge
+SEAM_M: Final = 0.35  # of a vehicle at 3 m/s while its lidar turns once
 CLUSTERS_MAX: Final = 48  # nearest in the order of the scan; more are a thicket
 
 
@@ -103,9 +106,11 @@ def _find_runs(scan: LevelScan, kind: ScanClass) -> list[tuple[int, int]]:
         range_m = ranges[k % count]
         if range_m != range_m:
             continue  # not measured: bridged, once
-        goes_on = last >= 0 and k - last <= 2 and abs(range_m - ranges[last % count]) <= _close_m(kind)
-        if range_m == math.inf:
-            goes_on = False
+        goes_on = False
+        if range_m < math.inf and last >= 0 and k - last <= 2:
+            seam_m = _seam_m(scan, k) if last < count <= k else 0.0
+            close_m = _close_m(kind) + (SEAM_M if kind.has_widths and last < count <= k else 0.0)
+            goes_on = abs(range_m + seam_m - ranges[last % count]) <= close_m
         if first >= 0 and not goes_on:
             runs.append((first, last))
             first = -1
@@ -126,8 +131,10 @@ def _find_break(scan: LevelScan, kind: ScanClass) -> int:
     if not scan.is_whole:
         return 0 if ranges else -1
     for k in range(len(ranges)):
-        here_m, before_m = ranges[k], ranges[k - 1]
-        if here_m < math.inf and (before_m == math.inf or abs(here_m - before_m) > _close_m(kind)):
+        here_m, before_m, close_m = ranges[k], ranges[k - 1], _close_m(kind)
+        if k == 0 and kind.has_widths:
+            here_m, close_m = here_m + _seam_m(scan, 0), close_m + SEAM_M
+        if here_m < math.inf and (before_m == math.inf or abs(here_m - before_m) > close_m):
             return k
     return -1
 
@@ -138,15 +145,17 @@ def _close_m(kind: ScanClass) -> float:
 
 def _fit_stem(scan: LevelScan, kind: ScanClass, first: int, last: int) -> Stem | None:
     """A run as the circle that it may be of; None: too wide, too thick, or not round."""
-    ranges, count, rays = scan.ranges_m, len(scan.ranges_m), last - first + 1
+    count, rays = len(scan.ranges_m), last - first + 1
     half_rad = 0.5 * rays * scan.step_rad
     if half_rad > HALF_MAX_RAD:
         return None
-    middle = (first + last) // 2 % count
+    ranges = [_range_m(scan, k, first) for k in range(first, last + 1)]
+    middle = (first + last) // 2
+    middle = min(middle, count - 1) if first < count else middle - count  # a run over the seam: from before it
     from_rad = scan.bearings_rad[first % count]
     turned_rad = math.remainder(scan.bearings_rad[last % count] - from_rad, math.tau)
     bearing_rad = from_rad + 0.5 * turned_rad
-    near_m = min([ranges[k % count] for k in range(first, last + 1) if ranges[k % count] == ranges[k % count]])
+    near_m = min([range_m for range_m in ranges if range_m == range_m])
     radius_m = RADIUS_M
     if kind.has_widths:
         sine = math.sin(max(0.0, half_rad - 0.5 * kind.beam_rad))
@@ -155,10 +164,10 @@ def _fit_stem(scan: LevelScan, kind: ScanClass, first: int, last: int) -> Stem |
             return None
     elif (rays - 2) * scan.step_rad * near_m > 2.0 * RADIUS_MAX_M:  # what fills the sectors between its outermost ones
         return None
-    axis_m, off_m, seen = _fit_axis(scan, first, last, bearing_rad, near_m + radius_m, radius_m)
+    axis_m, off_m, seen = _fit_axis(scan, ranges, first, bearing_rad, near_m + radius_m, radius_m)
     if off_m > ROUND_SIGMAS * kind.range_sd_m + ROUND_M + (0.0 if kind.has_widths else CLOSE_M):
         return None
-    before_m, after_m = ranges[(first - 1) % count], ranges[(last + 1) % count]
+    before_m, after_m = scan.ranges_m[(first - 1) % count], scan.ranges_m[(last + 1) % count]
     is_hidden = before_m < near_m - HIDDEN_M or after_m < near_m - HIDDEN_M
     along_sd_m = kind.range_sd_m / math.sqrt(seen) + RANGE_SD_M
     across_sd_m = axis_m * kind.bearing_sd_rad + (radius_m if is_hidden else 0.0)
@@ -166,26 +175,56 @@ def _fit_stem(scan: LevelScan, kind: ScanClass, first: int, last: int) -> Stem |
     return Stem(bearing_rad, axis_m - radius_m, radius_m, eye, (along_sd_m, across_sd_m), rays, is_hidden=is_hidden)
 
 
+def _range_m(scan: LevelScan, k: int, first: int) -> float:
+    """Of a ray of the run that begins with `first`, from where its rays before the seam were seen."""
+    count = len(scan.ranges_m)
+    return scan.ranges_m[k % count] + (_seam_m(scan, k) if first < count <= k else 0.0)
+
+
+def _seam_m(scan: LevelScan, k: int) -> float:
+    """By how much more a turn's last ray would have measured than its first, along the bearing of ray `k`."""
+    bearing_rad = scan.bearings_rad[k % len(scan.ranges_m)]
+    gone_n = scan.eyes_north_m[-1] - scan.eyes_north_m[0]
+    gone_e = scan.eyes_east_m[-1] - scan.eyes_east_m[0]
+    return -gone_n * math.cos(bearing_rad) - gone_e * math.sin(bearing_rad)
+
+
 def _fit_axis(
-    scan: LevelScan, first: int, last: int, bearing_rad: float, axis_m: float, radius_m: float
+    scan: LevelScan, ranges: Sequence[float], first: int, bearing_rad: float, axis_m: float, radius_m: float
 ) -> tuple[float, float, int]:
-    """Range of a circle's axis, the residuals about it, rms, and of how many rays; by a first guess of the range."""
+    """Range of a circle's axis, the residuals about it, rms, and of how many rays; by a first guess of the range.
+
+    `ranges`: of the run that begins with ray `first`. Its rays beyond the seam, which are older, may be of elsewhere.
+    """
+    count = len(scan.ranges_m)
+    seam = count - first if first < count else 0
+    late_m, late_m2, late = _sum_axis(scan, ranges[:seam], first, bearing_rad, axis_m, radius_m)
+    early_m, early_m2, early = _sum_axis(scan, ranges[seam:], first + seam, bearing_rad, axis_m, radius_m)
+    squares = early_m2 - (early_m * early_m / early if early else 0.0)
+    squares += late_m2 - (late_m * late_m / late if late else 0.0)
+    mean_m = late_m / late if late else early_m / early
+    return mean_m, math.sqrt(max(0.0, squares / (late + early))), late + early
+
+
+def _sum_axis(
+    scan: LevelScan, ranges: Sequence[float], first: int, bearing_rad: float, axis_m: float, radius_m: float
+) -> tuple[float, float, int]:
+    """Sum of the ranges of the axis by each ray, of their squares, and of how many rays."""
     count = len(scan.ranges_m)
     total = squares = 0.0
     seen = 0
-    for k in range(first, last + 1):
-        range_m = scan.ranges_m[k % count]
+    for k in range(len(ranges)):
+        range_m = ranges[k]
         if range_m != range_m:
             continue
-        off_rad = math.remainder(scan.bearings_rad[k % count] - bearing_rad, math.tau)
+        off_rad = math.remainder(scan.bearings_rad[(first + k) % count] - bearing_rad, math.tau)
         aside_m = axis_m * math.sin(off_rad)
         beside = radius_m * radius_m - aside_m * aside_m
         deeper_m = axis_m - (axis_m * math.cos(off_rad) - (math.sqrt(beside) if beside > 0.0 else 0.0))
         total += range_m + deeper_m
         squares += (range_m + deeper_m) * (range_m + deeper_m)
         seen += 1
-    mean_m = total / seen
-    return mean_m, math.sqrt(max(0.0, squares / seen - mean_m * mean_m)), seen
+    return total, squares, seen
 
 
 def _leave_out_leaves(stems: list[Stem]) -> list[Stem]:

@@ -27,13 +27,19 @@ def range_to(stems: Sequence[Stem], eye: tuple[float, float], bearing_rad: float
 
 
 def level_scan(
-    stems: Sequence[Stem], eye: tuple[float, float] = (0.0, 0.0), *, turned_rad: float = 0.0, rays: int = 360
+    stems: Sequence[Stem],
+    eye: tuple[float, float] = (0.0, 0.0),
+    *,
+    turned_rad: float = 0.0,
+    rays: int = 360,
+    gone_m: tuple[float, float] = (0.0, 0.0),
 ) -> LevelScan:
-    """One turn from a place. `turned_rad`: by which its reported yaw is too large."""
+    """One turn that ends at a place. `turned_rad`: by which its reported yaw is too large; `gone_m`: meanwhile."""
     scan = LevelScan(math.tau / rays)
     for k in range(rays):
-        bearing = k * math.tau / rays
-        scan.add_ray(bearing + turned_rad, range_to(stems, eye, bearing, 12.0), *eye)
+        bearing, left = k * math.tau / rays, (k + 1 - rays) / rays
+        at = (eye[0] + left * gone_m[0], eye[1] + left * gone_m[1])
+        scan.add_ray(bearing + turned_rad, range_to(stems, at, bearing, 12.0), *at)
     return scan
 
 

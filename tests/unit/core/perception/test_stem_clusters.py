@@ -32,6 +32,29 @@ def test_a_stem_is_found_where_it_stands_and_as_thick_as_it_is(
     assert stem.surface_m == pytest.approx(away_m - radius_m, abs=0.04)
 
 
+@pytest.mark.parametrize("gone_m", [(0.2, 0.0), (0.4, 0.0), (-0.3, 0.0), (0.2, 0.05)])
+@pytest.mark.parametrize(("away_m", "radius_m"), [(3.0, 0.1), (6.0, 0.2), (8.0, 0.35)])
+@pytest.mark.parametrize("off_m", [-0.1, 0.0, 0.15])
+def test_a_stem_at_the_seam_of_a_turn_is_one_though_the_vehicle_flies_at_it(
+    gone_m: tuple[float, float], away_m: float, radius_m: float, off_m: float
+) -> None:
+    """Its first rays are from 0.2 to 0.4 m farther off than its last: two halves, or not round, and so no stem."""
+    (stem,) = find_stems(level_scan([(away_m, off_m, radius_m)], gone_m=gone_m), FINE)
+    ray_m = away_m * math.radians(1.0)
+    assert math.dist(axis_of(stem), (away_m, off_m)) < 0.02 + 0.6 * ray_m + abs(gone_m[1])
+    assert stem.radius_m == pytest.approx(radius_m, abs=0.02 + 0.6 * ray_m + abs(gone_m[1]))
+
+
+@pytest.mark.parametrize("nears_m", [-0.3, 0.2, 0.3])
+@pytest.mark.parametrize("off_m", [-0.2, 0.0, 0.2])
+def test_a_hull_at_the_seam_that_comes_or_goes_is_where_it_was_last(nears_m: float, off_m: float) -> None:
+    """The turn's first rays met it elsewhere than its last: head-on vehicles were no stems, and known too late."""
+    scan, late = (level_scan([(6.0 + m, off_m, 0.35)]) for m in (nears_m, 0.0))
+    scan.ranges_m[180:] = late.ranges_m[180:]
+    (stem,) = find_stems(scan, FINE)
+    assert math.dist(axis_of(stem), (6.0, off_m)) < 0.12
+
+
 def test_sectors_tell_a_stem_without_its_width() -> None:
     (stem,) = find_stems(level_scan([(4.0, 0.0, 0.2)], rays=72), SECTORS)
     assert stem.surface_m == pytest.approx(3.8, abs=0.06)
