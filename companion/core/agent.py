@@ -348,18 +348,18 @@ class Agent:
 
     def _observe_surroundings(self, picture: Picture) -> Surroundings:
         """The surroundings of a vehicle that is steered: once a tick, as wind is estimated from one to the next."""
-        vehicle = self.flight.vehicle
+        vehicle, now_s = self.flight.vehicle, picture.now_s
         assert vehicle.position is not None
         own, bias = self.own_position.find_motion(vehicle.position), self.own_position.setpoint_bias_ned_mps
         off_ned_m, commanded = self.localiser.offset_ned_m, self.setpoint.vel_ned_mps
         disturbance = self.disturbances.observe_disturbance(own, add(commanded, bias), TICK_S, vehicle.shaping)
-        placed_ned_m = own.pos_ned_m if off_ned_m == ZERO else add(own.pos_ned_m, off_ned_m)
-        _, hovering = others = self.rise.bring_beside(picture)
+        others = self.rise.bring_beside(picture)
+        seen = self.perception.find_vehicles(own.pos_ned_m, picture.neighbours, now_s)
         return Surroundings(
             own,
             *others,
-            self.perception.observe_obstacles(own.pos_ned_m, placed_ned_m, hovering, picture.now_s),
-            seen=self.perception.find_vehicles(own.pos_ned_m, picture.neighbours, picture.now_s),
+            self.perception.observe_obstacles(own.pos_ned_m, add(own.pos_ned_m, off_ned_m), others[1], now_s, seen),
+            seen=seen,
             off_ned_m=off_ned_m,
             bias_ned_mps=bias,
             disturbance=disturbance,

@@ -20,7 +20,7 @@ from companion.core.model.states import Severity
 from companion.core.perception.landmarks.scan_pose import ScanPose
 from companion.core.perception.obstacle_cloud import find_hovering
 from companion.core.perception.obstacle_perception import SensingPerception
-from companion.core.perception.vehicle_tracks import MOVES_MPS
+from companion.core.perception.vehicles.vehicle_tracks import MOVES_MPS
 from companion.mavlink.sensor_source import PayloadValue
 from mission.common.frames import Vec3
 

@@ -38,8 +38,15 @@ GRAVITY_MPS2 = 9.81
 LAG_S, DEAD_TICKS = 0.3, 2
 LASTS_S = 9.0
 MEET_S = 4.5  # until both would be in one place
-COURSES_DEG = {"head-on": 180.0, "crossing": 90.0, "overtaking": 0.0, "round trunks": 90.0, "in a gap": 180.0}
-OVERTAKEN = 0.33  # speed of one that is overtaken, as a share
+COURSES_DEG = {
+    "head-on": 180.0,
+    "crossing": 90.0,
+    "overtaking": 0.0,
+    "hovering": 180.0,
+    "round trunks": 90.0,
+    "in a gap": 180.0,
+}
+SHARES = {"overtaking": 0.33, "hovering": 0.0}  # of the speed, that the other flies at; who hovers is not steered
 ASIDE_M = 1.0  # by so much at most they would miss each other
 WAY_M = 1.2  # of the courses, free of trunks to either side
 TRUNK_M = 0.2  # radius of those that are put there
@@ -107,7 +114,7 @@ class Vehicle:
         seen = self.perception.find_vehicles(own.pos_ned_m, (), now_s)
         if seen and self.known_m == math.inf:
             self.known_m = math.dist(state.pos_ned_m, other.state.pos_ned_m)
-        cloud = self.perception.observe_obstacles(own.pos_ned_m, own.pos_ned_m, {}, now_s)
+        cloud = self.perception.observe_obstacles(own.pos_ned_m, own.pos_ned_m, {}, now_s, seen)
         around = Surroundings(own, (), {}, cloud, seen=seen, commanded_ned_mps=self.setpoint)
         self.setpoint = self.filter.apply(self.desired, around, dt_s=TICK_S).vel_ned_mps
         self.under_way.append(self.setpoint)
@@ -133,7 +140,7 @@ def meet(seed: int, *, kind: str, sensor: SensorClass, density_per_ha: float, sp
     other = np.array([math.cos(turned), math.sin(turned)])
     middle = np.array([0.0, 80.0])
     across = np.array([-one[1], one[0]]) * aside_m
-    vels = (speed_mps * one, (OVERTAKEN if kind == "overtaking" else 1.0) * speed_mps * other)
+    vels = (speed_mps * one, SHARES.get(kind, 1.0) * speed_mps * other)
     starts = (middle - MEET_S * vels[0], middle - MEET_S * vels[1] + across)
     ways = np.concatenate(
         [start + vel * np.linspace(-1.0, LASTS_S, 60)[:, None] for start, vel in zip(starts, vels, strict=True)]
@@ -144,15 +151,16 @@ def meet(seed: int, *, kind: str, sensor: SensorClass, density_per_ha: float, sp
         Vehicle(mission, scene, (float(start[0]), float(start[1])), (float(vel[0]), float(vel[1])), seed + k)
         for k, (start, vel) in enumerate(zip(starts, vels, strict=True))
     ]
+    steered = (0,) if kind == "hovering" else (0, 1)
     least_m, now_s = math.inf, 10.0
     for _ in range(round(LASTS_S / TICK_S)):
         now_s += TICK_S
-        for k in (0, 1):
+        for k in steered:
             pair[k].sense(pair[1 - k], now_s)
-        for k in (0, 1):
+        for k in steered:
             pair[k].command(pair[1 - k], now_s)
-        for vehicle in pair:
-            vehicle.move()
+        for k in steered:
+            pair[k].move()
         least_m = min(least_m, float(np.linalg.norm(pair[0].pos - pair[1].pos)))
     return Met(least_m, min(vehicle.known_m for vehicle in pair))
 

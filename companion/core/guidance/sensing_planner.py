@@ -98,14 +98,15 @@ class SensingPlanner(LocalPlanner):
         return along, add(along, not_against(scale(push, LEADER_GIVES), along))
 
     def separate(self, now: GuidanceInput, course: Vec3) -> Vec3:
-        """From neighbours and vehicles seen; from those that hover silent as far as that is not against the course.
+        """From neighbours and vehicles seen; from those that hover as far as that is not against the course.
 
         They are obstacles to the course planner: pushed back against its course, a follower stands before one with
         nothing left to desire, and nobody looks for the way round.
         """
-        seen_ned_m = [vehicle.rel_ned_m for vehicle in now.around.seen]
-        push = formation.separation(now.around.neighbours, seen_ned_m, soft_m=self._soft_m)
-        away = formation.separation((), now.around.silent_ned_m, soft_m=self._soft_m)
+        moving_ned_m = [vehicle.rel_ned_m for vehicle in now.around.seen if not vehicle.rests]
+        resting_ned_m = [vehicle.rel_ned_m for vehicle in now.around.seen if vehicle.rests]
+        push = formation.separation(now.around.neighbours, moving_ned_m, soft_m=self._soft_m)
+        away = formation.separation((), [*now.around.silent_ned_m, *resting_ned_m], soft_m=self._soft_m)
         return add(push, not_against(away, course))
 
     def plan_follower(self, now: GuidanceInput, desired: Vec3) -> Vec3:  # noqa: ARG002

@@ -61,7 +61,7 @@ class LevelScan:
         return (len(self.ranges_m) + 0.5) * self.step_rad >= math.tau
 
     def sees_beyond(self, north_m: float, east_m: float, by_m: float) -> bool:
-        """True if the rays towards a place, and beside it, went on by so much: nothing was there."""
+        """True if the rays towards a place, and beside it, went on by so much: nothing was there. One may be missed."""
         count = len(self.ranges_m)
         if not self.is_whole:
             return False
@@ -69,25 +69,28 @@ class LevelScan:
         around = math.remainder(self.bearings_rad[count // 4] - self.bearings_rad[0], math.tau)
         turned_rad = math.atan2(e, n) - self.bearings_rad[0]
         first = math.floor((turned_rad if around > 0.0 else -turned_rad) / self.step_rad + 0.5)
+        passed = 0
         for k in (first - 1, first, first + 1):
             at = k % count
             n, e = north_m - self.eyes_north_m[at], east_m - self.eyes_east_m[at]
-            if not self.ranges_m[at] > math.sqrt(n * n + e * e) + by_m:  # nearer, or not measured
+            if self.ranges_m[at] <= math.sqrt(n * n + e * e) + by_m:
                 return False
-        return True
+            passed += self.ranges_m[at] == self.ranges_m[at]
+        return passed >= 2
 
 
 @final
 class FlattestRays:
     """Flattest measured ray of each bearing of one turn of a lidar of several layers."""
 
-    __slots__ = ("_bearings_rad", "_eyes_east_m", "_eyes_north_m", "_ranges_m", "slopes", "step_rad")
+    __slots__ = ("_bearings_rad", "_eyes_east_m", "_eyes_north_m", "_missed", "_ranges_m", "slopes", "step_rad")
 
     def __init__(self, step_rad: float) -> None:
         """`step_rad`: from ray to ray of a layer, > 0."""
         self.step_rad: Final = step_rad
         count = max(1, math.floor(math.tau / step_rad + 0.5))
         self.slopes: Final = [math.inf] * count  # sine of the elevation of the one that is kept
+        self._missed: Final = [math.inf] * count  # of the flattest that was not measured
         self._ranges_m: Final = [math.nan] * count
         self._bearings_rad: Final = [0.0] * count
         self._eyes_north_m: Final = [0.0] * count
@@ -106,8 +109,16 @@ class FlattestRays:
         self._ranges_m[index] = range_m
         self._eyes_north_m[index], self._eyes_east_m[index] = eye_ne_m
 
+    def miss_ray(self, index: int, slope: float) -> None:
+        """A ray that was not measured."""
+        if slope < self._missed[index]:
+            self._missed[index] = slope
+
     def as_scan(self) -> LevelScan:
-        """Bearings that no ray measured count as not measured, from where the ray before them was."""
+        """Bearings that no ray measured count as not measured, from where the ray before them was.
+
+        So do those where a steeper ray went on, which may have gone over what the flattest would have hit.
+        """
         scan = LevelScan(self.step_rad)
         count = len(self.slopes)
         known = [k for k in range(count) if self.slopes[k] < math.inf]
@@ -117,7 +128,9 @@ class FlattestRays:
             if self.slopes[k] < math.inf:
                 last = before = k
             bearing_rad = self._bearings_rad[last] + (k - before) * self.step_rad
-            scan.add_ray(bearing_rad, self._ranges_m[k], self._eyes_north_m[last], self._eyes_east_m[last])
+            is_over = self._ranges_m[k] == math.inf and self._missed[k] < self.slopes[k]
+            range_m = math.nan if is_over else self._ranges_m[k]
+            scan.add_ray(bearing_rad, range_m, self._eyes_north_m[last], self._eyes_east_m[last])
         return scan
 
 

@@ -17,6 +17,7 @@ from typing import Final, final
 from companion.core.model.events import LidarScan, Position
 from companion.core.perception.level_scan import GROUND_M, FlattestRays, LevelScan, axes_ned
 from companion.core.perception.obstacle_map import ObstacleMap
+from companion.core.perception.vehicles.hovering_hulls import HoveringHulls
 from companion.core.vehicle.obstacle_sensor_monitor import SENSORS_MAX
 from mission.common.frames import Vec3
 
@@ -65,10 +66,12 @@ class _Turn:
 class LidarMapper:
     """One vehicle's. Feed it every piece of a scan with `integrate_rays`."""
 
-    __slots__ = ("_elevations_rad", "_layered", "_map", "_turns")
+    __slots__ = ("_elevations_rad", "_hulls", "_layered", "_map", "_turns")
 
-    def __init__(self, obstacles: ObstacleMap) -> None:
+    def __init__(self, obstacles: ObstacleMap, hulls: HoveringHulls) -> None:
+        """`hulls`: of lidars of several layers they get the rays, too."""
         self._map: Final = obstacles
+        self._hulls: Final = hulls
         self._turns: dict[int, _Turn] = {}
         self._elevations_rad: dict[int, float] = {}  # of each sensor's first piece
         self._layered: set[int] = set()  # sensors of several layers
@@ -110,6 +113,8 @@ class LidarMapper:
                 if flattest is not None:
                     _add_flat_ray(flattest, scan, k, (n, e, d), own)
                 self._take_ray(scan, k, (n, e, d), own, turn, now_s, ignore)
+            elif flattest is not None:
+                flattest.miss_ray(flattest.index_of(scan.start_rad + k * scan.step_rad), abs(d))
             ahead, right = ahead * cos_step - right * sin_step, right * cos_step + ahead * sin_step
         if before is not None and before is not turn and before.flattest is not None:
             return before.flattest.as_scan()
@@ -155,6 +160,9 @@ class LidarMapper:
             if -(own.pos_ned_m[2] + off_d) > GROUND_M and not self._map.is_neighbour(off_n, off_e, off_d, ignore):
                 here_n, here_e = self._map.place(own.pos_ned_m[0], own.pos_ned_m[1])
                 self._map.hit(here_n + off_n, here_e + off_e, now_s)
+        if turn.flattest is not None and flat > 0.0:
+            went_m = flat * range_m if range_m <= scan.max_m else math.inf
+            self._hulls.note_ray(bearing, way_ned, flat, went_m, _eye_of(scan, k, own))
         if slope < STEEP:
             self._map.mark_flattest(bearing, d / flat, now_s - age_s, turn.measured_s)
             reach_m = range_m if range_m < scan.max_m else scan.max_m

@@ -15,7 +15,6 @@ from companion.core.model.beacon import PeerReport
 from companion.core.model.events import AnyScan, LidarScan, ObstacleScan, Position
 from companion.core.model.neighbour import Neighbour, find_hover_places
 from companion.core.perception.columns.column_map import ColumnMap
-from companion.core.perception.ghost_tracks import GhostTracks
 from companion.core.perception.landmarks.solitary_trunks import SolitaryTrunks, find_solitary
 from companion.core.perception.level_scan import LevelScan, ScanClass, level_scan_of
 from companion.core.perception.lidar_mapper import LidarMapper
@@ -25,7 +24,9 @@ from companion.core.perception.obstacle_memory import ObstacleMemory
 from companion.core.perception.own_motion import OwnMotion
 from companion.core.perception.scan_noise import ScanNoise
 from companion.core.perception.sight import SightHistory
-from companion.core.perception.vehicle_tracks import SeenVehicle
+from companion.core.perception.vehicles.ghost_tracks import GhostTracks
+from companion.core.perception.vehicles.hovering_hulls import HoveringHulls
+from companion.core.perception.vehicles.vehicle_tracks import SeenVehicle
 from mission.common.frames import Vec3
 from mission.document.model import Mission, Sensing
 from mission.rules.rise_rules import ABOVE_M
@@ -72,9 +73,17 @@ class ObstaclePerception(ABC):
 
     @abstractmethod
     def observe_obstacles(
-        self, own_ned_m: Vec3, placed_ned_m: Vec3, hovering: Mapping[int, PeerReport], now_s: float
+        self,
+        own_ned_m: Vec3,
+        placed_ned_m: Vec3,
+        hovering: Mapping[int, PeerReport],
+        now_s: float,
+        seen: Sequence[SeenVehicle] = (),
     ) -> LocalObstacleCloud:
-        """The cloud about a vehicle: own position by odometry, and in the mission's frame (`placed_ned_m`)."""
+        """The cloud about a vehicle: own position by odometry, and in the mission's frame (`placed_ned_m`).
+
+        `seen`: as of `find_vehicles`.
+        """
 
     def correct_odometry(self, own: Position, now_s: float, *, reckons: bool = False) -> Position:  # noqa: ARG002
         """Takes in the autopilot's position and velocity as they come; returns what the flight goes by.
@@ -145,8 +154,8 @@ class ObstaclePerception(ABC):
     def _trunks_from(self, placed_ned_m: Vec3) -> list[Obstacle]:
         return [trunk.seen_from(placed_ned_m) for trunk in self._trunks]
 
-    def _hovering(self, hovering: Mapping[int, PeerReport]) -> list[Obstacle]:
-        found: list[Obstacle] = []
+    def _hovering(self, hovering: Mapping[int, PeerReport], seen: Sequence[SeenVehicle]) -> list[Obstacle]:
+        found = [Obstacle(ObstacleKind.SILENT, one.rel_ned_m, self._apart_m) for one in seen if one.rests]
         for sighting in hovering.values():
             kind = ObstacleKind.SILENT if sighting.silent else ObstacleKind.HOVERING
             found += [Obstacle(kind, rel, self._apart_m) for rel in find_hover_places([sighting])]
@@ -172,10 +181,11 @@ class OpenSkyPerception(ObstaclePerception):
         placed_ned_m: Vec3,
         hovering: Mapping[int, PeerReport],
         now_s: float,  # noqa: ARG002
+        seen: Sequence[SeenVehicle] = (),
     ) -> LocalObstacleCloud:
         """Of known obstacles alone."""
         return LocalObstacleCloud(
-            math.inf, IN_THE_OPEN, trunks=self._trunks_from(placed_ned_m), hovering=self._hovering(hovering)
+            math.inf, IN_THE_OPEN, trunks=self._trunks_from(placed_ned_m), hovering=self._hovering(hovering, seen)
         )
 
 
@@ -187,7 +197,8 @@ class SensingPerception(ObstaclePerception):
         """`turns_with_yaw`: as `ScanOdometry` has it."""
         super().__init__(mission, sensing.stale_s)
         self._map: Final = ObstacleMap(mission.separation.hard_m - NEIGHBOUR_NEARER_M)
-        self._mapper: Final = LidarMapper(self._map)
+        self._hulls: Final = HoveringHulls()
+        self._mapper: Final = LidarMapper(self._map, self._hulls)
         self._memory: Final = ObstacleMemory()
         self._sight: Final = SightHistory()
         self._noise: Final = ScanNoise(ScanClass(sensing.sensor))
@@ -254,7 +265,8 @@ class SensingPerception(ObstaclePerception):
     ) -> None:
         self._sight.note_turn(level, now_s)
         self._noise.note_turn(sensor, level, now_s)
-        self.motion.integrate_turn(level, yaw_rad, placed, neighbours, now_s)
+        stems = self.motion.integrate_turn(level, yaw_rad, placed, neighbours, now_s, self._hulls.places())
+        self._hulls.end_turn(stems, now_s)
 
     @property
     def sees_motion(self) -> bool:
@@ -296,22 +308,27 @@ class SensingPerception(ObstaclePerception):
         return self._ghosts.clear(silent, self._map, placed_ned_m, now_s, fresh_s=self.stale_s, reported=reported)
 
     def observe_obstacles(
-        self, own_ned_m: Vec3, placed_ned_m: Vec3, hovering: Mapping[int, PeerReport], now_s: float
+        self,
+        own_ned_m: Vec3,
+        placed_ned_m: Vec3,
+        hovering: Mapping[int, PeerReport],
+        now_s: float,
+        seen: Sequence[SeenVehicle] = (),
     ) -> LocalObstacleCloud:
         """As far as scans saw; while they are stale, all is blind."""
-        seen, here_ned_m = self._map, self.motion.correct_place(own_ned_m)
-        blind = seen.find_blind(now_s, fresh_s=self.stale_s)
-        norths, easts = seen.find_near(here_ned_m, seen.max_m + BEYOND_M)
-        self._memory.note_points(norths, easts, here_ned_m, blind, seen.max_m, now_s)
+        hits, here_ned_m = self._map, self.motion.correct_place(own_ned_m)
+        blind = hits.find_blind(now_s, fresh_s=self.stale_s)
+        norths, easts = hits.find_near(here_ned_m, hits.max_m + BEYOND_M)
+        self._memory.note_points(norths, easts, here_ned_m, blind, hits.max_m, now_s)
         clear_m = self._clear_m + self._noise.wider_m + (0.0 if self.sees_motion else UNTOLD_MOTION_M)
         cloud = LocalObstacleCloud(
-            seen.max_m - clear_m,
+            hits.max_m - clear_m,
             blind,
-            sensor_m=seen.max_m,
+            sensor_m=hits.max_m,
             trunks=self._trunks_from(placed_ned_m),
-            hovering=self._hovering(hovering),
+            hovering=self._hovering(hovering, seen),
             seen_before=self._memory.seen_before(here_ned_m, clear_m),
-            sight=self._sight.seen_from(here_ned_m, seen.max_m),
+            sight=self._sight.seen_from(here_ned_m, hits.max_m),
         )
         cloud.add_points(norths, easts, clear_m)
         return cloud

@@ -13,9 +13,10 @@ from typing import Final, final
 from companion.core.model.events import Position
 from companion.core.model.vectors import ZERO
 from companion.core.model.velocity_bias import BANDWIDTH_PER_S, VelocityBias
+from companion.core.perception.landmarks.trunk_tracks import Sighting
 from companion.core.perception.level_scan import LevelScan, ScanClass
 from companion.core.perception.scan_odometry import ScanOdometry
-from companion.core.perception.vehicle_tracks import VehicleTracks
+from companion.core.perception.vehicles.vehicle_tracks import VehicleTracks
 from mission.common.frames import Vec3
 
 # Of the observer while trunks correct the position to centimetres: it follows an error that is half forgotten in 2.5 s
@@ -138,10 +139,21 @@ class OwnMotion:
         return Position(placed, vel, own.boot_s)
 
     def integrate_turn(
-        self, scan: LevelScan, yaw_rad: float, own: Position, peers: Sequence[Vec3], now_s: float
-    ) -> None:
-        """A whole turn, placed by the corrected pose, as is `own`. `peers`: relative, NED m: no trunks."""
+        self,
+        scan: LevelScan,
+        yaw_rad: float,
+        own: Position,
+        peers: Sequence[Vec3],
+        now_s: float,
+        hovering: Sequence[Vec3] = (),
+    ) -> Sequence[Sighting]:
+        """A whole turn, placed by the corrected pose, as is `own`; its stems. `peers`: relative, NED m: no trunks.
+
+        `hovering`: places of hulls that hover, in the frame of the turns: no trunks.
+        """
         north, east, _ = own.pos_ned_m
-        at = [*[(north + rel[0], east + rel[1], rel[2]) for rel in peers], *self.vehicles.places()]
-        others = self.odometry.integrate_scan(scan, yaw_rad, at, now_s)
-        self.vehicles.integrate_sightings(others, scan, now_s)
+        at = [*[(north + rel[0], east + rel[1], rel[2]) for rel in peers], *self.vehicles.places(), *hovering]
+        stems = self.odometry.integrate_scan(scan, yaw_rad, at, now_s)
+        others = [one for one in stems if one.trunk is None or not one.trunk.is_good]
+        self.vehicles.integrate_sightings(others, scan, now_s, hovering)
+        return stems

@@ -150,7 +150,7 @@ class ScanOdometry:
     def integrate_scan(
         self, scan: LevelScan, yaw_rad: float, neighbours: Sequence[Vec3], now_s: float
     ) -> list[Sighting]:
-        """A whole turn, placed by the corrected pose; returns those of its stems that are no good trunks.
+        """A whole turn, placed by the corrected pose; returns its stems, each with the trunk that it is taken for.
 
         `yaw_rad`: as reported; `neighbours`: reported positions, in the frame of the scan: stems there are no trunks.
         """
@@ -178,7 +178,7 @@ class ScanOdometry:
         for wall in walls:
             self._walls.update_wall(wall, now_s)
         self._note_missed(matched, scan, now_s)
-        return [one for one in seen if one.trunk is None or not one.trunk.is_good]
+        return seen
 
     def _is_of_wall(self, sighting: Sighting) -> bool:
         """Cut off from a wall by what stands before it, or seen along it: it would go along with the eye."""

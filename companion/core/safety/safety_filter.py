@@ -24,7 +24,7 @@ from typing import Final
 from companion.core.model.states import CLIMBING, DESCENDING
 from companion.core.model.vectors import ZERO, dot, is_finite, limit, norm, scale, sub
 from companion.core.perception.obstacle_cloud import GIVES_M, LocalObstacleCloud, Obstacle, ObstacleKind
-from companion.core.perception.vehicle_tracks import SeenVehicle
+from companion.core.perception.vehicles.vehicle_tracks import SeenVehicle
 from companion.core.safety.bounds import (
     TOLERANCE_MPS,
     Bound,

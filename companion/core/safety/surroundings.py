@@ -11,7 +11,7 @@ from companion.core.model.events import Position
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.vectors import ZERO, add
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
-from companion.core.perception.vehicle_tracks import SeenVehicle
+from companion.core.perception.vehicles.vehicle_tracks import SeenVehicle
 from companion.core.safety.response_model import CALM, Disturbance
 from mission.common.frames import Vec3
 

@@ -9,7 +9,7 @@ from companion.core.model.events import LidarScan
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import FlightState
 from companion.core.perception.landmarks.scan_pose import ScanPose
-from companion.core.perception.vehicle_tracks import SeenVehicle, VehicleTracks
+from companion.core.perception.vehicles.vehicle_tracks import SeenVehicle, VehicleTracks
 from companion.mavlink import dialect, harvest
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.framing import wire

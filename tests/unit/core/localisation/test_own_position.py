@@ -16,6 +16,7 @@ from companion.core.model.events import AnyScan, HeardBeacon, Position
 from companion.core.model.vectors import ZERO, sub
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.perception.obstacle_perception import ObstaclePerception, SeenWay
+from companion.core.perception.vehicles.vehicle_tracks import SeenVehicle
 from companion.core.vehicle.failsafe import Cause
 from mission.common.frames import Vec3
 from tests.unit.core.core_kit import beacon, mission
@@ -53,7 +54,12 @@ class Sight(ObstaclePerception):
         """Of no account."""
 
     def observe_obstacles(
-        self, own_ned_m: Vec3, placed_ned_m: Vec3, hovering: Mapping[int, PeerReport], now_s: float
+        self,
+        own_ned_m: Vec3,
+        placed_ned_m: Vec3,
+        hovering: Mapping[int, PeerReport],
+        now_s: float,
+        seen: Sequence[SeenVehicle] = (),
     ) -> LocalObstacleCloud:
         raise NotImplementedError
 

@@ -9,8 +9,8 @@ import pytest
 from companion.core.model.beacon import PeerReport
 from companion.core.model.events import ObstacleScan, Position
 from companion.core.model.vectors import ZERO
-from companion.core.perception.ghost_tracks import EMPTY_S, SAME_WORD_S, GhostTracks
 from companion.core.perception.obstacle_map import ObstacleMap
+from companion.core.perception.vehicles.ghost_tracks import EMPTY_S, SAME_WORD_S, GhostTracks
 from mission.common.frames import Vec3
 
 HERE: Vec3 = (3.0, 4.0, -8.0)

@@ -11,6 +11,7 @@ from companion.core.model.events import LidarScan, Position
 from companion.core.model.vectors import ZERO
 from companion.core.perception.lidar_mapper import BAND_M, SENSORS_MAX, TRUNK_FROM_M, LidarMapper
 from companion.core.perception.obstacle_map import MEMORY_S, ObstacleMap
+from companion.core.perception.vehicles.hovering_hulls import HoveringHulls
 from mission.common.frames import Vec3
 from mission.schema.kinds import RAW_LIDARS, SensorClass
 from sim_bridge.world.airframe.state import AirframeState
@@ -23,7 +24,7 @@ INF = math.inf
 
 def mapped(*scans: LidarScan, own: Position = HERE, ignore: tuple[Vec3, ...] = ()) -> ObstacleMap:
     seen = ObstacleMap()
-    mapper = LidarMapper(seen)
+    mapper = LidarMapper(seen, HoveringHulls())
     for k, one in enumerate(scans):
         mapper.integrate_rays(one, own, 10.0 + 0.1 * k, ignore)
     return seen
@@ -59,7 +60,7 @@ def test_points_stand_where_trunks_are_though_the_vehicle_moves_and_turns_while_
         return (0.0, 0.1, 0.4 - yaw_radps * age_s)
 
     seen = ObstacleMap()
-    mapper = LidarMapper(seen)
+    mapper = LidarMapper(seen, HoveringHulls())
     for k in range(4):
         age_s = 0.1 - 0.025 * k - 0.1 / 360
         piece = scan(
@@ -185,7 +186,7 @@ def test_a_point_behind_what_one_layer_hits_is_not_cleared_by_another_that_goes_
 
 def test_of_the_layers_in_a_bearing_the_flattest_says_how_rays_fall() -> None:
     seen = ObstacleMap()
-    mapper = LidarMapper(seen)
+    mapper = LidarMapper(seen, HoveringHulls())
     for deg in (9.0, 1.0, -7.0):
         mapper.integrate_rays(scan((INF,) * 360, elevation_rad=math.radians(deg)), HERE, 10.0)
     assert seen.ray_fall(0.5) == pytest.approx(-math.tan(math.radians(1.0)))
@@ -216,7 +217,7 @@ def test_the_level_scan_of_one_that_leans_has_the_flattest_ray_of_each_bearing(
     elevations_deg: tuple[float, ...], ahead_m: float | None
 ) -> None:
     """The layer that is level in the vehicle meets the trunk 2.4 m lower, where undergrowth is: not seen by it."""
-    mapper, scans = LidarMapper(ObstacleMap()), []
+    mapper, scans = LidarMapper(ObstacleMap(), HoveringHulls()), []
     for turn in range(1, 5):
         for piece in leaning_turn(turn, elevations_deg, 8.0):
             level = mapper.integrate_rays(piece, HERE, 10.0 + 0.1 * turn)
@@ -232,7 +233,7 @@ def test_the_level_scan_of_one_that_leans_has_the_flattest_ray_of_each_bearing(
 
 def test_bearings_that_no_layer_measured_are_none_of_the_level_scan() -> None:
     some = tuple(5.0 if k == 90 else math.nan if 100 <= k < 200 else INF for k in range(360))
-    mapper, scans = LidarMapper(ObstacleMap()), []
+    mapper, scans = LidarMapper(ObstacleMap(), HoveringHulls()), []
     for turn in range(1, 4):
         for deg in (0.0, 8.0):
             piece = scan(some, turn=turn, elevation_rad=math.radians(deg))
@@ -248,9 +249,24 @@ def test_bearings_that_no_layer_measured_are_none_of_the_level_scan() -> None:
     assert last.sees_beyond(north_m + 6.0, east_m, 0.5)
 
 
+@pytest.mark.parametrize(("missed_deg", "ahead_m"), [(0.0, math.nan), (8.0, INF)])
+def test_where_the_flattest_ray_was_missed_no_steeper_one_says_that_the_way_is_free(
+    missed_deg: float, ahead_m: float
+) -> None:
+    """It went over a hull, which one missed ray cut in two."""
+    mapper, scans = LidarMapper(ObstacleMap(), HoveringHulls()), []
+    for turn in range(1, 5):
+        for deg in (0.0, 8.0):
+            piece = one_ray(0.0, math.nan if deg == missed_deg else INF, turn=turn, elevation_rad=math.radians(deg))
+            level = mapper.integrate_rays(piece, HERE, 10.0 + 0.1 * turn)
+            scans += [] if level is None else [level]
+    (ahead,) = [r for b, r in zip(scans[-1].bearings_rad, scans[-1].ranges_m, strict=True) if abs(b) < 1e-6]
+    assert ahead == pytest.approx(ahead_m, nan_ok=True)
+
+
 def test_points_are_forgotten_and_sensors_are_bounded() -> None:
     seen = ObstacleMap()
-    mapper = LidarMapper(seen)
+    mapper = LidarMapper(seen, HoveringHulls())
     mapper.integrate_rays(one_ray(0.0, 5.0), HERE, 10.0)
     mapper.integrate_rays(scan((math.nan,) * 359 + (INF,), turn=2), HERE, 10.1 + MEMORY_S)
     assert len(seen) == 0

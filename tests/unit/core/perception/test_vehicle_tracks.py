@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
 import pytest
 
@@ -13,7 +14,7 @@ from companion.core.perception.level_scan import level_scan_of
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.perception.obstacle_perception import SensingPerception
 from companion.core.perception.own_motion import OwnMotion
-from companion.core.perception.vehicle_tracks import STANDS_S, TRACKS_MAX, UNSEEN_VEHICLE_S, SeenVehicle
+from companion.core.perception.vehicles.vehicle_tracks import STANDS_S, TRACKS_MAX, UNSEEN_VEHICLE_S, SeenVehicle
 from companion.core.safety.safety_filter import SafetyFilter
 from companion.core.safety.surroundings import Surroundings
 from tests.unit.core.core_kit import mission, neighbour
@@ -24,15 +25,23 @@ TRUNKS: list[Stem] = [(4.0, 6.0, 0.2), (-5.0, 4.0, 0.15), (6.0, -6.0, 0.25), (-4
 Course = Callable[[float], tuple[float, float]]
 
 
-def watch(course: Course | None, lasts_s: float = 2.0, peers: tuple[tuple[float, float, float], ...] = ()) -> OwnMotion:
-    """A vehicle that hovers among trunks, and sees a hull on that course."""
+def watch(
+    course: Course | None,
+    lasts_s: float = 2.0,
+    peers: tuple[tuple[float, float, float], ...] = (),
+    missed: Mapping[int, int] = MappingProxyType({}),
+) -> OwnMotion:
+    """A vehicle that hovers among trunks, and sees a hull on that course. `missed`: turn -> ray not measured."""
     motion = OwnMotion(FINE, turns_with_yaw=False)
     own = Position((0.0, 0.0, -4.0), (0.0, 0.0, 0.0))
     for k in range(1, round(lasts_s / STEP_S) + 1):
         now_s = STEP_S * k
         hulls = [] if course is None else [(*course(now_s), 0.35)]
         motion.receive_position(own, now_s)
-        motion.integrate_turn(level_scan([*TRUNKS, *hulls]), 0.0, own, peers, now_s)
+        scan = level_scan([*TRUNKS, *hulls])
+        if k in missed:
+            scan.ranges_m[missed[k]] = math.nan
+        motion.integrate_turn(scan, 0.0, own, peers, now_s)
     return motion
 
 
@@ -46,6 +55,33 @@ def test_a_hull_that_moves_is_a_vehicle_where_it_is_and_as_fast_as_it_is() -> No
     assert math.dist(seen.rel_ned_m[:2], crossing(2.0)) < 0.15
     assert math.dist(seen.vel_ned_mps, (0.0, -2.0, 0.0)) < 0.3
     assert seen.age_s == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize("ray", [89, 90, 91])
+def test_one_that_comes_straight_on_is_known_though_a_ray_of_its_first_sighting_was_missed(ray: int) -> None:
+    """Only that turn showed that its way was free."""
+
+    def nearing(t: float) -> tuple[float, float]:
+        return 0.1, 9.0 - 2.0 * t
+
+    motion = watch(nearing, 1.0, missed={1: ray})
+    assert len(motion.vehicles.find_vehicles((0.0, 0.0, -4.0), (), 1.0)) == 1
+
+
+def test_one_that_comes_out_from_behind_trunks_is_known_when_it_is_seen_whole() -> None:
+    """A row of trunks hides where it was and where it is, and shows it between them; both fly round the row's end."""
+    away_m = [1.6 + 0.55 * k for k in range(20)]
+    row: list[Stem] = [(-m * math.sqrt(0.5), m * math.sqrt(0.5), 0.2) for m in away_m]
+    motion, known_m = OwnMotion(FINE, turns_with_yaw=False), 0.0
+    for k in range(1, 31):
+        now_s, left_m = STEP_S * k, 2.5 * (STEP_S * k - 3.0)
+        own, hull = Position((left_m, 0.0, -4.0), (2.5, 0.0, 0.0)), (0.8, -left_m)
+        motion.receive_position(own, now_s)
+        scan = level_scan([*row, *TRUNKS, (*hull, 0.35)], (left_m, 0.0), gone_m=(0.25, 0.0))
+        motion.integrate_turn(scan, 0.0, own, (), now_s)
+        if motion.vehicles.find_vehicles(own.pos_ned_m, (), now_s):
+            known_m = max(known_m, math.dist(hull, (left_m, 0.0)))
+    assert known_m > 2.5
 
 
 def test_trunks_and_a_hull_that_stands_are_no_moving_vehicles() -> None:

@@ -11,7 +11,7 @@ from companion.core.model.events import Position
 from companion.core.model.states import FlightState
 from companion.core.model.vectors import ZERO, norm
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
-from companion.core.perception.vehicle_tracks import SeenVehicle
+from companion.core.perception.vehicles.vehicle_tracks import SeenVehicle
 from companion.core.safety.bounds import Bound, find_nearest, step_towards
 from companion.core.safety.clearance import MARGIN_M
 from companion.core.safety.descent import LANDING_ROOM_M, LandingRoom

@@ -2,9 +2,10 @@
 
 A stem that is no good trunk begins a candidate, which moves by a filter of its own. It is a vehicle when it has gone
 farther than its scatter, at a speed that no standing thing shows, for some scans, and into a place that was seen empty
-when it began, or out of one that is seen empty now: from trunk to trunk nothing moves so. A vehicle that is heard,
-where it is seen to be and moving as it says, is that neighbour; every other is kept from, whatever anybody reports.
-What a level scan shows of a hull, and how far, is in docs/explanation/own-motion.md.
+when it began, or out of one that is seen empty now: from trunk to trunk nothing moves so. One that comes from behind
+trunks is, too, when it is seen whole and as wide as a hull. A vehicle that is heard, where it is seen to be and moving
+as it says, is that neighbour; every other is kept from, whatever anybody reports. What a level scan shows of a hull is
+in docs/explanation/own-motion.md.
 """
 
 from __future__ import annotations
@@ -22,6 +23,9 @@ MOVES_MPS: Final = 0.6  # trunks placed by a corrected pose seem to move by less
 GONE_M: Final = 0.35  # from where it was first seen
 GONE_SIGMAS: Final = 5.0
 PROVEN_SIGHTINGS: Final = 3  # of two that near each other at 3 m/s each, 1.2 m after the first
+WIDE_M: Final = 0.2  # radius of a hull at least: what is glimpsed between trunks, and seems to go along, is thinner
+WIDE_SIGHTINGS: Final = 2  # in a row, whole and as wide, of one that has gone so far: then nobody need have seen its
+WIDE_GONE_M: Final = 0.6  # way empty, which trunks hid
 COARSE_M: Final = 0.1  # a bearing's error, of sectors: trunks seem to hop from one to the next
 COARSE_SIGHTINGS: Final = 5
 SURFACE_SD_M: Final = 0.04  # of a hull's nearest side, and of what the pose has moved
@@ -35,6 +39,7 @@ UNSEEN_S: Final = 0.35  # until a candidate is dropped
 UNSEEN_VEHICLE_S: Final = 1.5  # until a vehicle is: trunks hide it, or it leans out of the scan's plane
 TRACKS_MAX: Final = 24
 HEARD_M: Final = 1.5  # a heard neighbour is within this of where it is seen
+HOVERS_M: Final = 0.7  # from a place at which a hull hovers
 HEARD_MPS: Final = 1.0  # and moves so alike, but for what the track's own velocity is uncertain
 
 
@@ -42,13 +47,19 @@ HEARD_MPS: Final = 1.0  # and moves so alike, but for what the track's own veloc
 class SeenVehicle:
     """A vehicle by scans alone, level: relative to this one (NED m), its velocity, and how uncertain it is."""
 
-    __slots__ = ("age_s", "rel_ned_m", "sd_m", "vel_ned_mps")
+    __slots__ = ("age_s", "hovers", "rel_ned_m", "sd_m", "vel_ned_mps")
 
-    def __init__(self, rel_ned_m: Vec3, vel_ned_mps: Vec3, sd_m: float, age_s: float) -> None:
+    def __init__(self, rel_ned_m: Vec3, vel_ned_mps: Vec3, sd_m: float, age_s: float, *, hovers: bool = False) -> None:
         self.rel_ned_m: Final = rel_ned_m  # now
         self.vel_ned_mps: Final = vel_ned_mps
         self.sd_m: Final = sd_m
         self.age_s: Final = age_s  # since it was seen last
+        self.hovers: Final = hovers  # it is no trunk, whether it moves or not: see `HoveringHulls`
+
+    @property
+    def rests(self) -> bool:
+        """It hovers in one place."""
+        return self.hovers and math.hypot(self.vel_ned_mps[0], self.vel_ned_mps[1]) < MOVES_MPS
 
 
 @final
@@ -91,6 +102,7 @@ class _Track:
         "east_m",
         "east_mps",
         "gone_sigmas",
+        "hovers",
         "is_free",
         "is_vehicle",
         "moved_s",
@@ -99,6 +111,7 @@ class _Track:
         "seen_s",
         "sightings",
         "time_s",
+        "wide_sightings",
     )
 
     def __init__(self, sighting: Sighting, born: LevelScan, now_s: float) -> None:
@@ -113,23 +126,30 @@ class _Track:
         self._across: Final = _Axis(across_m2)
         self._born_sds_m: Final = (math.sqrt(along_m2), math.sqrt(across_m2))
         self.time_s = self.seen_s = self.born_s = now_s
-        self.is_vehicle = False
+        self.is_vehicle = self.hovers = False
         self.moved_s = now_s
         self.sightings = 1
+        self.wide_sightings = 0  # whole and as wide as a hull, in a row until now
         self.gone_sigmas = 0.0  # from where it was first seen to where it was last
 
     def _has_moved(self) -> bool:
         """It moves as no trunk does."""
         across_sd_m = self._born_sds_m[1]
-        least = PROVEN_SIGHTINGS if across_sd_m < COARSE_M else COARSE_SIGHTINGS
-        if not self.is_free or self.sightings < least or self.gone_sigmas < GONE_SIGMAS:
+        if self.gone_sigmas < GONE_SIGMAS or not self.speed_mps > MOVES_MPS + self.sd_mps:
             return False
         gone_m = math.hypot(self.north_m - self.born_north_m, self.east_m - self.born_east_m)
-        return gone_m > GONE_M + 2.0 * across_sd_m and self.speed_mps > MOVES_MPS + self.sd_mps
+        if self.wide_sightings >= WIDE_SIGHTINGS and gone_m > WIDE_GONE_M + 2.0 * across_sd_m:
+            return True
+        least = PROVEN_SIGHTINGS if across_sd_m < COARSE_M else COARSE_SIGHTINGS
+        return self.is_free and self.sightings >= least and gone_m > GONE_M + 2.0 * across_sd_m
 
-    def note_motion(self, now_s: float) -> None:
-        """After each sighting: one that has moved is a vehicle, and stays one when it stops; not for ever."""
-        if self._has_moved():
+    def note_motion(self, now_s: float, hovering: Sequence[Vec3]) -> None:
+        """After each sighting: one that has moved is a vehicle, and stays one when it stops; not for ever.
+
+        One that hovers is a vehicle as long as it does.
+        """
+        self.hovers = any([math.hypot(at[0] - self.north_m, at[1] - self.east_m) <= HOVERS_M for at in hovering])
+        if self.hovers or self._has_moved():
             self.is_vehicle = True
             self.moved_s = now_s
         elif self.speed_mps > STANDS_MPS + self.sd_mps:
@@ -171,6 +191,9 @@ class _Track:
     def take_sighting(self, sighting: Sighting, now_s: float) -> None:
         """Seen there, now."""
         along_m2, across_m2 = _variances_m2(sighting)
+        stem = sighting.stem
+        is_wide = stem.radius_m >= WIDE_M and not stem.is_hidden and stem.across_sd_m < COARSE_M
+        self.wide_sightings = self.wide_sightings + 1 if is_wide else 0
         ahead, right = math.cos(sighting.stem.bearing_rad), math.sin(sighting.stem.bearing_rad)
         off_n, off_e = sighting.north_m - self.north_m, sighting.east_m - self.east_m
         off_along, off_across = off_n * ahead + off_e * right, off_e * ahead - off_n * right
@@ -215,8 +238,10 @@ class VehicleTracks:
     def __init__(self) -> None:
         self._tracks: list[_Track] = []
 
-    def integrate_sightings(self, sightings: Sequence[Sighting], scan: LevelScan, now_s: float) -> None:
-        """Stems of a whole turn that are no good trunks."""
+    def integrate_sightings(
+        self, sightings: Sequence[Sighting], scan: LevelScan, now_s: float, hovering: Sequence[Vec3]
+    ) -> None:
+        """Stems of a whole turn that are no good trunks. `hovering`: places at which hulls hover."""
         self._tracks = [track for track in self._tracks if now_s - track.seen_s <= track.kept_s]
         for track in self._tracks:
             track.advance(now_s)
@@ -226,7 +251,7 @@ class VehicleTracks:
             if nearest is not None:
                 nearest.take_sighting(sighting, now_s)
                 nearest.check_free(scan)
-                nearest.note_motion(now_s)
+                nearest.note_motion(now_s, hovering)
                 taken.append(nearest)
             elif len(self._tracks) < TRACKS_MAX:
                 track = _Track(sighting, scan, now_s)
@@ -252,7 +277,8 @@ class VehicleTracks:
             )
             vel = (track.north_mps, track.east_mps, 0.0)
             if not any([_is_heard(rel, vel, neighbour, track.sd_mps) for neighbour in heard]):
-                found.append(SeenVehicle(rel, vel, math.hypot(track.sd_m, track.sd_mps * ahead_s), age_s))
+                sd_m = math.hypot(track.sd_m, track.sd_mps * ahead_s)
+                found.append(SeenVehicle(rel, vel, sd_m, age_s, hovers=track.hovers))
         return found
 
     def _find_nearest(self, sighting: Sighting, taken: Sequence[_Track]) -> _Track | None:
