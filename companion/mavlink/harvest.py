@@ -258,6 +258,6 @@ def _find_standing(agent: Agent, perception: SensingPerception, pos_ned_m: Vec3,
     """
     neighbours = agent.localiser.neighbours
     rels = find_hover_places(find_hovering(agent.localiser.silent, neighbours).values())
-    seen = perception.motion.vehicles.find_vehicles(pos_ned_m, neighbours, now_s)
+    seen = [one for one in perception.motion.vehicles.find_vehicles(pos_ned_m, neighbours, now_s) if not one.heard]
     rels += [one.rel_ned_m for one in seen if math.hypot(one.vel_ned_mps[0], one.vel_ned_mps[1]) < MOVES_MPS]
     return [(pos_ned_m[0] + rel[0], pos_ned_m[1] + rel[1]) for rel in rels]

@@ -93,7 +93,7 @@ class SensingPlanner(LocalPlanner):
     def plan_leader(self, now: GuidanceInput, along: Vec3, to_goal_ned_m: Vec3, stop_m: float) -> tuple[Vec3, Vec3]:
         """Straight on. Followers take the course, not the dodges: each makes its own."""
         self._reach_m = norm(to_goal_ned_m) - stop_m
-        others = [*now.around.silent_ned_m, *[vehicle.rel_ned_m for vehicle in now.around.seen]]
+        others = [*now.around.silent_ned_m, *[vehicle.rel_ned_m for vehicle in now.around.seen if not vehicle.heard]]
         push = formation.separation(now.around.neighbours, others, soft_m=self._soft_m)
         return along, add(along, not_against(scale(push, LEADER_GIVES), along))
 
@@ -103,8 +103,9 @@ class SensingPlanner(LocalPlanner):
         They are obstacles to the course planner: pushed back against its course, a follower stands before one with
         nothing left to desire, and nobody looks for the way round.
         """
-        moving_ned_m = [vehicle.rel_ned_m for vehicle in now.around.seen if not vehicle.rests]
-        resting_ned_m = [vehicle.rel_ned_m for vehicle in now.around.seen if vehicle.rests]
+        unheard = [vehicle for vehicle in now.around.seen if not vehicle.heard]
+        moving_ned_m = [vehicle.rel_ned_m for vehicle in unheard if not vehicle.rests]
+        resting_ned_m = [vehicle.rel_ned_m for vehicle in unheard if vehicle.rests]
         push = formation.separation(now.around.neighbours, moving_ned_m, soft_m=self._soft_m)
         away = formation.separation((), [*now.around.silent_ned_m, *resting_ned_m], soft_m=self._soft_m)
         return add(push, not_against(away, course))

@@ -134,7 +134,7 @@ class ObstaclePerception(ABC):
         heard: Sequence[Neighbour],  # noqa: ARG002
         now_s: float,  # noqa: ARG002
     ) -> Sequence[SeenVehicle]:
-        """Vehicles that are seen and are none of those `heard`: without a sensor none."""
+        """Vehicles that are seen, and which of them are `heard`: without a sensor none."""
         return ()
 
     def clear_ghosts(
@@ -291,7 +291,8 @@ class SensingPerception(ObstaclePerception):
         """By the scans; by sectors, to which trunks in thickets seem to move, only while somebody is not heard."""
         if not self._has_widths and len(heard) >= self._others:
             return ()
-        return self.motion.vehicles.find_vehicles(self.motion.correct_place(own_ned_m), heard, now_s)
+        seen = self.motion.vehicles.find_vehicles(self.motion.correct_place(own_ned_m), heard, now_s)
+        return seen if self._has_widths else [one for one in seen if not one.heard]
 
     def nearest_m(self, own: Position | None) -> float:
         """By the map; inf: nothing within NEAR_M."""

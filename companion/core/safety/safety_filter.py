@@ -258,11 +258,16 @@ class SafetyFilter:
                     shared_mps = min(shared_mps, response.behind_mps(room_m + UNSHARED_M, self._believed(its_mps)))
                 most_mps = shared_mps if error_m <= 0.0 else min(most_mps, shared_mps)
             bounds.append(Bound(n, most_mps - (x * drift_x + y * drift_y + z * drift_z)))
-        bounds += self._separations_from_seen(around.seen, drift_ned_mps)
+        bounds += self._separations_from_seen(around.seen, around.own.vel_ned_mps, drift_ned_mps)
         return bounds
 
-    def _separations_from_seen(self, seen: Sequence[SeenVehicle], drift_ned_mps: Vec3) -> list[Bound]:
-        """Bounds on closing on vehicles that are seen and not heard, level: nobody knows whether they give way."""
+    def _separations_from_seen(
+        self, seen: Sequence[SeenVehicle], own_ned_mps: Vec3, drift_ned_mps: Vec3
+    ) -> list[Bound]:
+        """Bounds on closing on vehicles that are seen, level: nobody knows whether those that are not heard give way.
+
+        One that is heard has another bound, by its word: so its word alone brings nobody nearer to where it is.
+        """
         bounds: list[Bound] = []
         for vehicle in seen:
             distance_m = norm(vehicle.rel_ned_m)
@@ -271,7 +276,11 @@ class SafetyFilter:
             along = scale(vehicle.rel_ned_m, 1.0 / distance_m)
             strayed_m = AGE_WIDENS_MPS * vehicle.age_s + vehicle.sd_m
             room_m = distance_m - self.hard_separation_m - MARGIN_M - strayed_m
-            most_mps = self.response.closing_mps(room_m) + self._believed(dot(vehicle.vel_ned_mps, along))
+            seen_mps = dot(vehicle.vel_ned_mps, along)
+            most_mps = self.response.closing_mps(room_m) + self._believed(seen_mps)
+            if vehicle.heard:  # both brake
+                shared_mps = self._believed((dot(own_ned_mps, along) + seen_mps) / 2.0)
+                most_mps = self.response.closing_mps(room_m) / 2.0 + shared_mps
             bounds.append(Bound(along, most_mps - dot(along, drift_ned_mps)))
         return bounds
 

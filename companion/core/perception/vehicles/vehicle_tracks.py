@@ -3,9 +3,9 @@
 A stem that is no good trunk begins a candidate, which moves by a filter of its own. It is a vehicle when it has gone
 farther than its scatter, at a speed that no standing thing shows, for some scans, and into a place that was seen empty
 when it began, or out of one that is seen empty now: from trunk to trunk nothing moves so. One that comes from behind
-trunks is, too, when it is seen whole and as wide as a hull. A vehicle that is heard, where it is seen to be and moving
-as it says, is that neighbour; every other is kept from, whatever anybody reports. What a level scan shows of a hull is
-in docs/explanation/own-motion.md.
+trunks is, too, when it is seen whole and as wide as a hull. One that a neighbour's report fits, in place and motion, is
+that neighbour, and is kept from where it is seen, too; every other is, whatever anybody reports. What a level scan
+shows of a hull is in docs/explanation/own-motion.md.
 """
 
 from __future__ import annotations
@@ -47,19 +47,29 @@ HEARD_MPS: Final = 1.0  # and moves so alike, but for what the track's own veloc
 class SeenVehicle:
     """A vehicle by scans alone, level: relative to this one (NED m), its velocity, and how uncertain it is."""
 
-    __slots__ = ("age_s", "hovers", "rel_ned_m", "sd_m", "vel_ned_mps")
+    __slots__ = ("age_s", "heard", "hovers", "rel_ned_m", "sd_m", "vel_ned_mps")
 
-    def __init__(self, rel_ned_m: Vec3, vel_ned_mps: Vec3, sd_m: float, age_s: float, *, hovers: bool = False) -> None:
+    def __init__(
+        self,
+        rel_ned_m: Vec3,
+        vel_ned_mps: Vec3,
+        sd_m: float,
+        age_s: float,
+        *,
+        hovers: bool = False,
+        heard: bool = False,
+    ) -> None:
         self.rel_ned_m: Final = rel_ned_m  # now
         self.vel_ned_mps: Final = vel_ned_mps
         self.sd_m: Final = sd_m
         self.age_s: Final = age_s  # since it was seen last
         self.hovers: Final = hovers  # it is no trunk, whether it moves or not: see `HoveringHulls`
+        self.heard: Final = heard  # a neighbour says that it is here, and moves so: it is where it is seen
 
     @property
     def rests(self) -> bool:
-        """It hovers in one place."""
-        return self.hovers and math.hypot(self.vel_ned_mps[0], self.vel_ned_mps[1]) < MOVES_MPS
+        """It hovers in one place, and nobody hears it."""
+        return self.hovers and not self.heard and math.hypot(self.vel_ned_mps[0], self.vel_ned_mps[1]) < MOVES_MPS
 
 
 @final
@@ -263,7 +273,7 @@ class VehicleTracks:
         return [(track.north_m, track.east_m, 0.0) for track in self._tracks if track.is_vehicle]
 
     def find_vehicles(self, placed_ned_m: Vec3, heard: Sequence[Neighbour], now_s: float) -> list[SeenVehicle]:
-        """Vehicles that are not heard; `placed_ned_m`: this vehicle, in the tracks' frame."""
+        """Vehicles, and which are `heard`; `placed_ned_m`: this vehicle, in the tracks' frame."""
         found: list[SeenVehicle] = []
         for track in self._tracks:
             age_s = now_s - track.seen_s
@@ -276,9 +286,9 @@ class VehicleTracks:
                 0.0,
             )
             vel = (track.north_mps, track.east_mps, 0.0)
-            if not any([_is_heard(rel, vel, neighbour, track.sd_mps) for neighbour in heard]):
-                sd_m = math.hypot(track.sd_m, track.sd_mps * ahead_s)
-                found.append(SeenVehicle(rel, vel, sd_m, age_s, hovers=track.hovers))
+            sd_m = math.hypot(track.sd_m, track.sd_mps * ahead_s)
+            is_heard = any([_is_heard(rel, vel, neighbour, track.sd_mps) for neighbour in heard])
+            found.append(SeenVehicle(rel, vel, sd_m, age_s, hovers=track.hovers, heard=is_heard))
         return found
 
     def _find_nearest(self, sighting: Sighting, taken: Sequence[_Track]) -> _Track | None:

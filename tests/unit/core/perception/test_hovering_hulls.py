@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from companion.core.model.events import LidarScan, Position
+from companion.core.model.neighbour import Neighbour
 from companion.core.perception.obstacle_cloud import ObstacleKind
 from companion.core.perception.obstacle_perception import SensingPerception
 from companion.core.perception.vehicles.vehicle_tracks import SeenVehicle
@@ -116,9 +117,14 @@ def test_a_hull_of_which_something_nearer_hides_what_is_below_or_above_is_unsure
 def test_one_that_is_heard_there_and_stands_is_that_neighbour_and_no_report_alone_hides_it() -> None:
     perception, own = watch([*TRUNKS, HULL])
     at = (HULL[0], HULL[1], 0.0)
-    assert perception.find_vehicles(own.pos_ned_m, (neighbour(2, rel_ned_m=at),), 2.0) == []
-    assert perception.find_vehicles(own.pos_ned_m, (neighbour(2, rel_ned_m=(5.0, 2.0, 0.0)),), 2.0)
-    assert perception.find_vehicles(own.pos_ned_m, (neighbour(2, rel_ned_m=at, vel_ned_mps=(0.0, 3.0, 0.0)),), 2.0)
+
+    def is_heard(heard: Neighbour) -> bool:
+        (seen,) = perception.find_vehicles(own.pos_ned_m, (heard,), 2.0)
+        return seen.heard and not seen.rests
+
+    assert is_heard(neighbour(2, rel_ned_m=at))
+    assert not is_heard(neighbour(2, rel_ned_m=(5.0, 2.0, 0.0)))
+    assert not is_heard(neighbour(2, rel_ned_m=at, vel_ned_mps=(0.0, 3.0, 0.0)))
 
 
 def test_it_is_an_obstacle_that_is_kept_from_as_a_vehicle_is_and_no_landmark() -> None:
