@@ -24,8 +24,7 @@ GONE_M: Final = 0.35  # from where it was first seen
 GONE_SIGMAS: Final = 5.0
 PROVEN_SIGHTINGS: Final = 3  # of two that near each other at 3 m/s each, 1.2 m after the first
 WIDE_M: Final = 0.2  # radius of a hull at least: what is glimpsed between trunks, and seems to go along, is thinner
-WIDE_SIGHTINGS: Final = 2  # in a row, whole and as wide, of one that has gone so far: then nobody need have seen its
-WIDE_GONE_M: Final = 0.6  # way empty, which trunks hid
+WIDE_SIGHTINGS: Final = 2  # in a row, whole and as wide: then nobody need have seen its way empty, which trunks hid
 COARSE_M: Final = 0.1  # a bearing's error, of sectors: trunks seem to hop from one to the next
 COARSE_SIGHTINGS: Final = 5
 SURFACE_SD_M: Final = 0.04  # of a hull's nearest side, and of what the pose has moved
@@ -145,13 +144,13 @@ class _Track:
     def _has_moved(self) -> bool:
         """It moves as no trunk does."""
         across_sd_m = self._born_sds_m[1]
-        if self.gone_sigmas < GONE_SIGMAS or not self.speed_mps > MOVES_MPS + self.sd_mps:
+        is_whole = self.wide_sightings >= WIDE_SIGHTINGS
+        least = PROVEN_SIGHTINGS if is_whole or across_sd_m < COARSE_M else COARSE_SIGHTINGS
+        if not (self.is_free or is_whole) or self.sightings < least or self.gone_sigmas < GONE_SIGMAS:
             return False
         gone_m = math.hypot(self.north_m - self.born_north_m, self.east_m - self.born_east_m)
-        if self.wide_sightings >= WIDE_SIGHTINGS and gone_m > WIDE_GONE_M + 2.0 * across_sd_m:
-            return True
-        least = PROVEN_SIGHTINGS if across_sd_m < COARSE_M else COARSE_SIGHTINGS
-        return self.is_free and self.sightings >= least and gone_m > GONE_M + 2.0 * across_sd_m
+        least_m = GONE_M + (0.0 if is_whole else 2.0 * across_sd_m)
+        return gone_m > least_m and self.speed_mps > MOVES_MPS + self.sd_mps
 
     def note_motion(self, now_s: float, hovering: Sequence[Vec3]) -> None:
         """After each sighting: one that has moved is a vehicle, and stays one when it stops; not for ever.
