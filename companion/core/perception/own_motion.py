@@ -37,10 +37,10 @@ class OwnMotion:
 
     __slots__ = ("_is_odometry", "_observer", "_shift_then_m", "odometry", "vehicles", "velocity_bias_ne_mps")
 
-    def __init__(self, kind: ScanClass, *, turns_with_yaw: bool) -> None:
-        """`turns_with_yaw`: reported positions are odometry, see `ScanOdometry`."""
+    def __init__(self, kind: ScanClass, *, turns_with_yaw: bool, hull_m: float = 0.0) -> None:
+        """`turns_with_yaw`: reported positions are odometry; `hull_m`: a vehicle's radius; see `ScanOdometry`."""
         self._is_odometry: Final = turns_with_yaw
-        self.odometry: Final = ScanOdometry(kind, turns_with_yaw=turns_with_yaw)
+        self.odometry: Final = ScanOdometry(kind, turns_with_yaw=turns_with_yaw, hull_m=hull_m)
         self.vehicles: Final = VehicleTracks()
         self._observer: Final = VelocityBias()
         # True velocity less reported, level; None: nothing has been seen to tell it by
@@ -138,10 +138,20 @@ class OwnMotion:
         return Position(placed, vel, own.boot_s)
 
     def integrate_turn(
-        self, scan: LevelScan, yaw_rad: float, own: Position, peers: Sequence[Vec3], now_s: float
+        self,
+        scan: LevelScan,
+        yaw_rad: float,
+        own: Position,
+        peers: Sequence[Vec3],
+        now_s: float,
+        *,
+        unheard: int = 0,
     ) -> None:
-        """A whole turn, placed by the corrected pose, as is `own`. `peers`: relative, NED m: no trunks."""
+        """A whole turn, placed by the corrected pose, as is `own`. `peers`: relative, NED m: no trunks.
+
+        `unheard`: as `ScanOdometry.integrate_scan`.
+        """
         north, east, _ = own.pos_ned_m
         at = [*[(north + rel[0], east + rel[1], rel[2]) for rel in peers], *self.vehicles.places()]
-        others = self.odometry.integrate_scan(scan, yaw_rad, at, now_s)
+        others = self.odometry.integrate_scan(scan, yaw_rad, at, now_s, unheard=unheard)
         self.vehicles.integrate_sightings(others, scan, now_s)
