@@ -374,7 +374,7 @@ class _Observer(Agent):
 class _ToldLocaliser:
     """Answers with what the localiser did, as it was written down."""
 
-    neighbours, velocity_bias_ned_mps, is_fix_lost = (), ZERO, False
+    neighbours, unheard, velocity_bias_ned_mps, is_fix_lost = (), 0, ZERO, False
     made: Any = None
 
     def receive_position(self, _position: Position, _now_s: float, **_: bool) -> Any:

@@ -109,8 +109,8 @@ class Agent:
                 self.sensors.record_scan(event, now_s)
                 own = self.flight.vehicle.position
                 if own is not None:
-                    neighbours = [n.rel_ned_m for n in self.localiser.neighbours]
-                    self.perception.integrate_scan(event, self.own_position.find_motion(own), now_s, neighbours)
+                    near, unheard = [n.rel_ned_m for n in self.localiser.neighbours], self.localiser.unheard
+                    self.perception.integrate_scan(event, self.own_position.find_motion(own), now_s, near, unheard)
             case _:
                 self.flight.receive(event, now_s)
 

@@ -67,7 +67,7 @@ def led_until_noticed(seed: int, make: Personality, rate_mps: float) -> float | 
         vel = (wrong[0] + bias[0], EAST_MPS + wrong[1] + bias[1], 0.0)
         if not way.update(Position((fix[0], fix[1], -5.0), vel, now_s), now_s):
             continue
-        if monitor.update(fix, way.ne_m, now_s, walk_m2_per_s=way.walk_m2_per_s) is not None:
+        if monitor.update(fix, way.ne_m, now_s, walk_since=way.walk_since) is not None:
             return led_m
     return None
 

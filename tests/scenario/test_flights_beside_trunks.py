@@ -97,11 +97,9 @@ class Copter:
             self.pos = add(self.pos, scale(self.vel, DT_S / 5))
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_vehicle_that_turns_with_limited_jerk_touches_no_mapped_point_once_it_has_been_felt(seed: int) -> None:
-    rng = random.Random(seed)
-    body, gusts, last = Copter(), DisturbanceEstimator(), ZERO
-    gusts.adopt_shaping(ARDUPILOT.traits.shaping)
+def wander_among_trunks(body: Copter | PointMass, gusts: DisturbanceEstimator, seed: int) -> tuple[float, float]:
+    """Wishes at random, among trunks once it has been felt for 10 s: distance from the nearest, and way; metres."""
+    rng, last = random.Random(seed), ZERO
     trunks: list[tuple[float, float]] = []
     nearest_m, moved_m = math.inf, 0.0
     for k in range(1600):
@@ -114,15 +112,31 @@ def test_vehicle_that_turns_with_limited_jerk_touches_no_mapped_point_once_it_ha
             trunks = [(n, e) for n, e in trunks if math.hypot(n - north, e - east) > 4.0]
         points = LocalObstacleCloud(7.35, SEEN)
         points.add_points([n - north for n, _ in trunks], [e - east for _, e in trunks], CLEAR_M)
-        shaped = Disturbance(ZERO, 0.0, gusts.under_way(DT_S, 3.0), gusts.dead_s)
+        felt = Disturbance(ZERO, 0.0, gusts.under_way(DT_S, 3.0), gusts.dead_s)
         own = Position(body.pos, body.vel)
-        last = applied(FILTER, wish, last, own, dt_s=DT_S, points=points, disturbance=shaped)
+        last = applied(FILTER, wish, last, own, dt_s=DT_S, points=points, disturbance=felt)
         body.step(last)
         moved_m += norm(body.vel) * DT_S
         for n, e in trunks:
             nearest_m = min(nearest_m, math.hypot(n - body.pos[0], e - body.pos[1]))
+    return nearest_m, moved_m
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_vehicle_that_turns_with_limited_jerk_touches_no_mapped_point_once_it_has_been_felt(seed: int) -> None:
+    gusts = DisturbanceEstimator()
+    gusts.adopt_shaping(ARDUPILOT.traits.shaping)
+    nearest_m, moved_m = wander_among_trunks(Copter(), gusts, seed)
     assert moved_m > 30.0
     assert nearest_m > CLEAR_M - MARGIN_M
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3])
+def test_vehicle_whose_setpoints_act_late_keeps_clear_in_turns_once_it_has_been_felt(seed: int) -> None:
+    """0.25 s, as in JSBSim: a turn goes on for as long as the setpoints that began it are under way."""
+    nearest_m, moved_m = wander_among_trunks(PointMass((0.0, 0.0, -8.0), ZERO, 5), DisturbanceEstimator(), seed)
+    assert moved_m > 100.0
+    assert nearest_m > CLEAR_M - MARGIN_M / 6.0  # what a verified way may give
 
 
 @pytest.mark.parametrize("noise_m", [0.0, 0.02, 0.05])

@@ -216,6 +216,11 @@ class Localiser(ABC):
         self.relayed = self.peers.relayed(own_pos_ned_m, now_s)
         self._correct_neighbours(own_pos_ned_m, now_s)
 
+    @property
+    def unheard(self) -> int:
+        """Number of vehicles that this one heard in the air, and does not hear any more; others' words do not count."""
+        return sum([not seen.received for seen in self.silent.values()])
+
     def clear_ghosts(self, perception: ObstaclePerception, own_pos_ned_m: Vec3, now_s: float) -> None:
         """After `update_peers`: one whose position the own sensor sees, and nobody there, is no obstacle any more."""
         if self.silent:

@@ -68,8 +68,10 @@ class ObstaclePerception(ABC):
         self._apart_m: Final = mission.separation.hard_m
 
     @abstractmethod
-    def integrate_scan(self, scan: AnyScan, own: Position, now_s: float, neighbours: Sequence[Vec3]) -> None:
-        """Takes in a scan. `neighbours`: relative, NED m: they are no trunks."""
+    def integrate_scan(
+        self, scan: AnyScan, own: Position, now_s: float, neighbours: Sequence[Vec3], unheard: int = 0
+    ) -> None:
+        """Takes in a scan. `neighbours`: relative, NED m: no trunks; `unheard`: vehicles that may be anywhere."""
 
     @abstractmethod
     def observe_obstacles(
@@ -169,7 +171,9 @@ class OpenSkyPerception(ObstaclePerception):
     def __init__(self, mission: Mission) -> None:
         super().__init__(mission, math.inf)
 
-    def integrate_scan(self, scan: AnyScan, own: Position, now_s: float, neighbours: Sequence[Vec3]) -> None:
+    def integrate_scan(
+        self, scan: AnyScan, own: Position, now_s: float, neighbours: Sequence[Vec3], unheard: int = 0
+    ) -> None:
         """It has no sensor: of no use."""
 
     def reckon_from(self, led_ne_m: tuple[float, float], reported: Position, turned_rad: float) -> None:
@@ -209,7 +213,9 @@ class SensingPerception(ObstaclePerception):
         self._others: Final = mission.swarm.size - 1
         self._ghosts: Final = GhostTracks()
         self._clear_m: Final = sensing.vehicle_radius_m + sensing.margin_m
-        self.motion: Final = OwnMotion(ScanClass(sensing.sensor), turns_with_yaw=turns_with_yaw)
+        self.motion: Final = OwnMotion(
+            ScanClass(sensing.sensor), turns_with_yaw=turns_with_yaw, hull_m=sensing.vehicle_radius_m
+        )
         # Laid where a leader may rise alone: without that it looks at no ray
         self.columns: Final = ColumnMap(clear_m=self._clear_m, top_up_m=mission.ceiling_m + ABOVE_M)
 
@@ -245,27 +251,40 @@ class SensingPerception(ObstaclePerception):
         """By the own motion."""
         return self.motion.setpoint_bias(otherwise)
 
-    def integrate_scan(self, scan: AnyScan, own: Position, now_s: float, neighbours: Sequence[Vec3]) -> None:
+    def integrate_scan(
+        self, scan: AnyScan, own: Position, now_s: float, neighbours: Sequence[Vec3], unheard: int = 0
+    ) -> None:
         """Into the obstacle map, as the pose by trunks has it; whole turns correct that pose."""
         placed, turn_rad = self.motion.correct_position(own), self.motion.turn_rad
         if isinstance(scan, ObstacleScan):
             turned = scan if turn_rad == 0.0 else _turned_sectors(scan, turn_rad)
             self._map.integrate_scan(turned, placed, now_s, neighbours)
             level = level_scan_of(turned, placed)
-            self._integrate_turn(scan.sensor, level, scan.yaw_rad, placed, neighbours, now_s)
+            self._integrate_turn(scan.sensor, level, scan.yaw_rad, placed, neighbours, unheard, now_s)
         else:
             turned_rays = scan if turn_rad == 0.0 else _turned_rays(scan, turn_rad)
             self.columns.integrate(turned_rays, placed, now_s)
             whole = self._mapper.integrate_rays(turned_rays, placed, now_s, neighbours)
             if whole is not None:
-                self._integrate_turn(scan.sensor, whole, scan.last_attitude_rad[2], placed, neighbours, now_s)
+                yaw_rad = scan.last_attitude_rad[2]
+                self._integrate_turn(scan.sensor, whole, yaw_rad, placed, neighbours, unheard, now_s)
 
     def _integrate_turn(
-        self, sensor: int, level: LevelScan, yaw_rad: float, placed: Position, neighbours: Sequence[Vec3], now_s: float
+        self,
+        sensor: int,
+        level: LevelScan,
+        yaw_rad: float,
+        placed: Position,
+        neighbours: Sequence[Vec3],
+        unheard: int,
+        now_s: float,
     ) -> None:
         self._sight.note_turn(level, now_s)
         self._noise.note_turn(sensor, level, now_s)
-        stems = self.motion.integrate_turn(level, yaw_rad, placed, neighbours, now_s, self._hulls.places())
+        hovering = self._hulls.places()
+        stems = self.motion.integrate_turn(
+            level, yaw_rad, placed, neighbours, now_s, unheard=unheard, hovering=hovering
+        )
         self._hulls.end_turn(stems, now_s)
 
     @property

@@ -38,10 +38,10 @@ class OwnMotion:
 
     __slots__ = ("_is_odometry", "_observer", "_shift_then_m", "odometry", "vehicles", "velocity_bias_ne_mps")
 
-    def __init__(self, kind: ScanClass, *, turns_with_yaw: bool) -> None:
-        """`turns_with_yaw`: reported positions are odometry, see `ScanOdometry`."""
+    def __init__(self, kind: ScanClass, *, turns_with_yaw: bool, hull_m: float = 0.0) -> None:
+        """`turns_with_yaw`: reported positions are odometry; `hull_m`: a vehicle's radius; see `ScanOdometry`."""
         self._is_odometry: Final = turns_with_yaw
-        self.odometry: Final = ScanOdometry(kind, turns_with_yaw=turns_with_yaw)
+        self.odometry: Final = ScanOdometry(kind, turns_with_yaw=turns_with_yaw, hull_m=hull_m)
         self.vehicles: Final = VehicleTracks()
         self._observer: Final = VelocityBias()
         # True velocity less reported, level; None: nothing has been seen to tell it by
@@ -145,15 +145,17 @@ class OwnMotion:
         own: Position,
         peers: Sequence[Vec3],
         now_s: float,
+        *,
+        unheard: int = 0,
         hovering: Sequence[Vec3] = (),
     ) -> Sequence[Sighting]:
         """A whole turn, placed by the corrected pose, as is `own`; its stems. `peers`: relative, NED m: no trunks.
 
-        `hovering`: places of hulls that hover, in the frame of the turns: no trunks.
+        `unheard`: as `ScanOdometry.integrate_scan`; `hovering`: places of hulls, in the frame of the turns: no trunks.
         """
         north, east, _ = own.pos_ned_m
         at = [*[(north + rel[0], east + rel[1], rel[2]) for rel in peers], *self.vehicles.places(), *hovering]
-        stems = self.odometry.integrate_scan(scan, yaw_rad, at, now_s)
+        stems = self.odometry.integrate_scan(scan, yaw_rad, at, now_s, unheard=unheard)
         others = [one for one in stems if one.trunk is None or not one.trunk.is_good]
         self.vehicles.integrate_sightings(others, scan, now_s, hovering)
         return stems

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from typing import Final, final
 
 from companion.core.model.events import Position
+from companion.core.perception.landmarks.hulls import HULL_SHARE, is_heard_hull, leave_out_hulls
 from companion.core.perception.landmarks.stem_clusters import find_stems
 from companion.core.perception.landmarks.trunk_tracks import Sighting, Trunk, TrunkTracks, chi2_of, turned_about
 from companion.core.perception.landmarks.wall_segments import find_walls, mark_walls
@@ -34,7 +35,6 @@ FRAME_RAD2_PER_S: Final = math.radians(0.1) ** 2
 JUMP_M: Final = 0.5  # a position that jumps so far against the velocity: its estimator was reset
 GAP_S: Final = 1.0  # without a position for longer, or a scan: nothing can be said of the way between
 HUBER_CHI2: Final = 4.0  # beyond, a measurement counts less
-NEIGHBOUR_M: Final = 1.2  # a stem so near to a reported neighbour may be that one's hull
 FRESH_S: Final = 0.5  # so long after trunks corrected it last the pose counts as corrected
 LEAST_TRUNKS: Final = 2  # seen again in a scan: one alone tells no turn
 EXPECTED_LEAST: Final = 4  # so many good trunks should be seen: then it is noticed when they are not
@@ -53,6 +53,7 @@ class ScanOdometry:
         "_missed",
         "_pos_m",
         "_scanned_s",
+        "_thick_m",
         "_told_s",
         "_tracks",
         "_turns_with_yaw",
@@ -67,9 +68,13 @@ class ScanOdometry:
         "turn_rad",
     )
 
-    def __init__(self, kind: ScanClass, *, turns_with_yaw: bool = False) -> None:
-        """`turns_with_yaw`: reported motion is in the vehicle's own axes (no GNSS): the yaw's error turns it."""
+    def __init__(self, kind: ScanClass, *, turns_with_yaw: bool = False, hull_m: float = 0.0) -> None:
+        """`turns_with_yaw`: reported motion is in the vehicle's own axes (no GNSS): the yaw's error turns it.
+
+        `hull_m`: a vehicle's radius.
+        """
         self._kind: Final = kind
+        self._thick_m: Final = HULL_SHARE * hull_m if kind.has_widths else 0.0  # what is thinner is no vehicle
         self._turns_with_yaw: Final = turns_with_yaw
         self._tracks: Final = TrunkTracks()
         self._walls: Final = WallTracks()
@@ -148,11 +153,12 @@ class ScanOdometry:
             self._cov[15] += FRAME_RAD2_PER_S * since_s
 
     def integrate_scan(
-        self, scan: LevelScan, yaw_rad: float, neighbours: Sequence[Vec3], now_s: float
+        self, scan: LevelScan, yaw_rad: float, neighbours: Sequence[Vec3], now_s: float, *, unheard: int = 0
     ) -> list[Sighting]:
         """A whole turn, placed by the corrected pose; returns its stems, each with the trunk that it is taken for.
 
         `yaw_rad`: as reported; `neighbours`: reported positions, in the frame of the scan: stems there are no trunks.
+        `unheard`: vehicles in the air of which nobody knows where they are: as many of the stems may be theirs.
         """
         if now_s - self._scanned_s > GAP_S:
             self.restart(now_s)
@@ -169,10 +175,13 @@ class ScanOdometry:
         walls = [WallSighting(segment) for segment in segments]
         for wall in walls:
             self._walls.match_segment(wall, self._wall_pose_m2(wall))
-        sightings = [one for one in seen if not (_is_neighbour(one, neighbours) or self._is_of_wall(one))]
+        heading_sd_rad = math.sqrt(self._heading_rad2())
+        sightings = [
+            one for one in seen if not (is_heard_hull(one, neighbours, heading_sd_rad) or self._is_of_wall(one))
+        ]
         for sighting in sightings:
             self._tracks.match_stem(sighting, self._pose_m2(sighting))
-        matched = self._correct_pose(seen, walls, now_s)
+        matched = self._correct_pose(seen, walls, unheard, now_s)
         for sighting in sightings:
             self._tracks.update_trunk(sighting, now_s)
         for wall in walls:
@@ -184,9 +193,17 @@ class ScanOdometry:
         """Cut off from a wall by what stands before it, or seen along it: it would go along with the eye."""
         return self._walls.has_piece(sighting.north_m, sighting.east_m)
 
-    def _correct_pose(self, sightings: Sequence[Sighting], walls: Sequence[WallSighting], now_s: float) -> int:
-        """By all good trunks and walls that were seen again; the number of trunks. Places all sightings by it."""
-        found = [s for s in sightings if s.trunk is not None and s.trunk.is_good]
+    def _heading_rad2(self) -> float:
+        """Variance of how far what is seen is turned from the frame of reported motion."""
+        p = self._cov
+        return max(0.0, p[15] + p[10] + 2.0 * p[11])
+
+    def _correct_pose(
+        self, sightings: Sequence[Sighting], walls: Sequence[WallSighting], unheard: int, now_s: float
+    ) -> int:
+        """By good trunks and walls that were seen again; the number of all such trunks. Places all sightings by it."""
+        good = [s for s in sightings if s.trunk is not None and s.trunk.is_good]
+        found = leave_out_hulls(good, unheard, self._thick_m, LEAST_TRUNKS)
         found_walls = [w for w in walls if w.wall is not None and w.wall.is_good]
         shift_n = shift_e = turn_rad = frame_rad = 0.0
         if len(found) >= LEAST_TRUNKS or found_walls:
@@ -221,7 +238,7 @@ class ScanOdometry:
             wall.place(turn_rad, (shift_n, shift_e))
         if frame_rad != 0.0 and self._pos_m is not None:
             self._turn_frame(sightings, walls, frame_rad)
-        return len(found)
+        return len(good)
 
     def _turn_frame(self, sightings: Sequence[Sighting], walls: Sequence[WallSighting], frame_rad: float) -> None:
         """The trunks' frame turned out to be turned by so much: turn it back, about the vehicle."""
@@ -349,8 +366,8 @@ class ScanOdometry:
 
     def _begin_frame(self, now_s: float) -> None:
         """Trunks that are seen next stand as the pose has them: to them it is exact, their frame errs as the yaw."""
-        p = self._cov
-        frame_rad2 = p[15] + p[10] + 2.0 * p[11] + TURN_RAD2_PER_S * max(0.0, now_s - max(self.corrected_s, 0.0))
+        unseen_s = max(0.0, now_s - max(self.corrected_s, 0.0))
+        frame_rad2 = self._heading_rad2() + TURN_RAD2_PER_S * unseen_s
         self._cov = [0.0] * 16
         if not self._turns_with_yaw:
             self._cov[15] = min(FRAME_SD_RAD * FRAME_SD_RAD, frame_rad2)
@@ -367,11 +384,3 @@ def _one_direction(walls: Sequence[WallSighting]) -> tuple[float, float] | None:
 
 def _chi2_of_sighting(sighting: Sighting) -> float:
     return sighting.chi2
-
-
-def _is_neighbour(sighting: Sighting, neighbours: Sequence[Vec3]) -> bool:
-    for at in neighbours:
-        n, e = at[0] - sighting.north_m, at[1] - sighting.east_m
-        if n * n + e * e < NEIGHBOUR_M * NEIGHBOUR_M:
-            return True
-    return False

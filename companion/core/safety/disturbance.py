@@ -149,19 +149,22 @@ class DisturbanceEstimator:
         model.misses2 += min(1.0, dt_s / MEMORY_S) * (d_n * d_n + d_e * d_e - model.misses2)
 
     def under_way(self, dt_s: float, most_mps2: float) -> tuple[float, float, float, float] | None:
-        """Predicts where a vehicle that shapes velocities will be, and how much faster, once the next setpoint acts.
+        """Predicts where the vehicle will be, and how much faster, when no more than DEAD_S is left to a setpoint.
 
-        North and east from here (m), and of the change of velocity (m/s). None: one that follows with a lag.
+        North and east from here (m), and of the change of velocity (m/s). None: no setpoint takes longer. One that
+        shapes velocities is late by DEAD_S more: its model is the worse one.
         """
         best = self._best
-        if best.shaping is None:
+        sent = best.commanded
+        late = sent if best.shaping is not None else sent[: max(0, len(sent) - round(DEAD_S / STEP_S))]
+        if not late:
             return None
         ahead = _Model(0, best.shaping)
         ahead.north_mps, ahead.east_mps = best.north_mps, best.east_mps
         ahead.north_mps2, ahead.east_mps2 = best.north_mps2, best.east_mps2
         off_n, off_e = best.off_north_mps, best.off_east_mps
         n = e = 0.0
-        for acts in best.commanded:
+        for acts in late:
             _predict_response(ahead, acts, dt_s, most_mps2)
             n, e = n + (ahead.north_mps + off_n) * dt_s, e + (ahead.east_mps + off_e) * dt_s
         return n, e, ahead.north_mps - best.north_mps, ahead.east_mps - best.east_mps

@@ -159,7 +159,10 @@ class GlobalLocalisation:
 
     def _hold_fix(self, told: Position, now_s: float) -> None:
         """The position that follows fixes, against the way by velocities."""
-        if not self._flown or not self._velocity_way.update(told, now_s):
+        if not self._flown:
+            return
+        if not self._velocity_way.update(told, now_s):
+            self._monitor.forget()
             return
         fix = (told.pos_ned_m[0], told.pos_ned_m[1])
         sd_m = UNTOLD_SD_M if self._said is None else self._said.sd_m
@@ -170,7 +173,7 @@ class GlobalLocalisation:
             now_s,
             frame_rad2=FRAME_RAD2,
             fix_m=sd_m / math.sqrt(2.0),
-            walk_m2_per_s=way.usual_m2_per_s,
+            walk_since=way.walk_since,
         )
         if parted is not None:
             self._drop_fix(parted)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, final
 
@@ -43,7 +44,6 @@ class _Note:
     frame: Frame
     frame_rad2: float
     fix_m: float
-    walk_m2_per_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,30 +78,33 @@ class FixMonitor:
         frame: Frame = (0.0, 0.0, 0.0),
         frame_rad2: float = 0.0,
         fix_m: float = 0.0,
-        walk_m2_per_s: float = 0.0,
+        walk_since: Callable[[float], float] | None = None,
     ) -> Parted | None:
         """Both positions now, m; None: they agree, as far as is known.
 
         `frame`: how the other frame has been turned and moved by now; `frame_rad2`: variance of how far it is turned
-        from that of fixes; `fix_m`: standard deviation of this fix on an axis, and `walk_m2_per_s`: the other way's
-        drift as it is known by now, where they are more than usual.
+        from that of fixes; `fix_m`: standard deviation of this fix on an axis, where it is more than usual;
+        `walk_since`: variance of the other way's drift in a second, m2 on an axis, as it is known by now, should the
+        fix have left it at the time that is asked for.
         """
         notes = self._notes
         if notes and now_s - notes[-1].at_s < NOTE_S - 1e-6:
             return None
         noise = self._noise
-        walk = max(walk_m2_per_s, noise.walk_m2_per_s)
-        now = _Note(now_s, fix_ne_m, way_ne_m, frame, frame_rad2, max(fix_m, noise.fix_m), walk)
+        now = _Note(now_s, fix_ne_m, way_ne_m, frame, frame_rad2, max(fix_m, noise.fix_m))
         worst, parted = noise.alarm, None
         for note in notes:
-            score, led = _compare(note, now, noise)
+            walk_m2_per_s = noise.walk_m2_per_s
+            if walk_since is not None:
+                walk_m2_per_s = max(walk_m2_per_s, walk_since(note.at_s))
+            score, led = _compare(note, now, noise, walk_m2_per_s)
             if score > worst:
                 worst, parted = score, Parted(note.at_s, led, frame[0] - note.frame[0])
         notes.append(now)
         return parted
 
 
-def _compare(then: _Note, now: _Note, noise: Noise) -> tuple[float, Level]:
+def _compare(then: _Note, now: _Note, noise: Noise, walk_m2_per_s: float) -> tuple[float, Level]:
     """Squared sigmas by which both ways since `then` differ, and where the other has led."""
     at = _in_frame(now.way_ne_m, now.frame, then.frame)
     led = (
@@ -111,9 +114,7 @@ def _compare(then: _Note, now: _Note, noise: Noise) -> tuple[float, Level]:
     off_n, off_e = now.fix_ne_m[0] - led[0], now.fix_ne_m[1] - led[1]
     went_n, went_e = led[0] - then.fix_ne_m[0], led[1] - then.fix_ne_m[1]
     went_m, since_s = math.hypot(went_n, went_e), now.at_s - then.at_s
-    var = (then.fix_m**2 + now.fix_m**2) * (
-        1.0 - math.exp(-since_s / noise.fix_memory_s)
-    ) + then.walk_m2_per_s * since_s
+    var = (then.fix_m**2 + now.fix_m**2) * (1.0 - math.exp(-since_s / noise.fix_memory_s)) + walk_m2_per_s * since_s
     if went_m < 1e-3:
         return (off_n * off_n + off_e * off_e) / max(var, 1e-9), led
     along = (off_n * went_n + off_e * went_e) / went_m

@@ -33,7 +33,7 @@ from mission.common.frames import Vec3
 # Of recorded positions (0.17 to 0.28 m an axis) and of scan odometry, as the bench `spoofing --open-loop` has it
 BY_TRUNKS: Final = Noise(fix_m=0.2, fix_memory_s=5.0, walk_m2_per_s=0.005, share=0.005, alarm=30.0)
 # Of a fix less the noise that its receiver's velocity has not: a walk of 1 or 2 m, within a minute, is GNSS's own
-BY_VELOCITY: Final = Noise(fix_m=0.5, fix_memory_s=5.0, walk_m2_per_s=0.02, share=0.0, alarm=30.0)
+BY_VELOCITY: Final = Noise(fix_m=0.5, fix_memory_s=5.0, walk_m2_per_s=0.02, share=0.0, alarm=22.0)
 FOUND_M: Final = 1.0  # error of a position after the fix was found to be wrong
 SEEN_MPS: Final = 0.04  # by which that grows while trunks tell the motion: as DeadReckoning has it
 GUESSED_MPS: Final = 0.2  # and by the drift that was found alone
@@ -128,7 +128,7 @@ class OwnPosition:
         if not goes_on:
             monitor.forget()
             return
-        parted = monitor.update(fix, way.ne_m, now_s, walk_m2_per_s=way.walk_m2_per_s)
+        parted = monitor.update(fix, way.ne_m, now_s, walk_since=way.walk_since)
         if parted is None or not may_tell:
             return
         led = parted.fix_ne_m

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from companion.core.localisation.gnss_denied.global_localisation import GlobalLocalisation
 from companion.core.localisation.gnss_localiser import GnssLocaliser
-from companion.core.localisation.integrity.own_position import OwnPosition
-from companion.core.localisation.integrity.velocity_way import MORE, WORST_M2_PER_S, VelocityWay
+from companion.core.localisation.integrity.fix_monitor import FixMonitor
+from companion.core.localisation.integrity.own_position import BY_VELOCITY, OwnPosition
+from companion.core.localisation.integrity.velocity_way import BETTER_M2_PER_S, WORST_M2_PER_S, VelocityWay
 from companion.core.model.events import Position, Satellites
 from companion.core.model.vectors import ZERO
 from companion.core.perception.obstacle_perception import OpenSkyPerception
@@ -23,6 +25,8 @@ pytestmark = pytest.mark.sources
 
 DT_S = 0.1
 EAST_MPS = 2.0
+# Vehicle 3 of `sim-bridge search --seed 70074 --flights 1` from take-off on, twice a second
+DOUBTED = Path(__file__).parents[3] / "testdata" / "true_position_doubted.csv"
 
 
 class Flown:
@@ -98,17 +102,37 @@ def test_velocities_that_err_as_recorded_alarm_nobody(seed: int) -> None:
         assert one.causes() == []
 
 
-def test_how_far_the_way_strays_is_learnt() -> None:
-    def learnt(error_mps: float) -> float:
-        way = VelocityWay()
-        for k in range(1200):
-            wrong = error_mps * math.copysign(1.0, math.sin(0.4 * k * DT_S))
-            way.update(Position((0.0, 0.0, -5.0), (wrong, 0.0, 0.0), k * DT_S), k * DT_S)
-        return way.walk_m2_per_s
+def learnt(error_mps: float, flown_s: float, *, since_s: float, drift_mps: float = 0.0, from_s: float = 0.0) -> float:
+    """Drift of the way, should the position have left it at `since_s`; it did at `from_s`."""
+    way = VelocityWay()
+    for k in range(round(flown_s / DT_S)):
+        now_s = k * DT_S
+        led_m = drift_mps * max(0.0, now_s - from_s)
+        wrong = error_mps * math.copysign(1.0, math.sin(0.4 * now_s))
+        way.update(Position((0.0, led_m, -5.0), (wrong, 0.0, 0.0), now_s), now_s)
+    return way.walk_since(since_s)
 
-    assert VelocityWay().walk_m2_per_s == pytest.approx(MORE * WORST_M2_PER_S)
-    assert learnt(0.0) < 0.05 * WORST_M2_PER_S * MORE
-    assert learnt(0.3) > 3.0 * learnt(0.0)
+
+def test_a_velocity_counts_as_the_worst_until_even_the_most_that_it_may_err_by_is_less() -> None:
+    assert VelocityWay().walk_since(0.0) == pytest.approx(WORST_M2_PER_S)
+    assert learnt(0.0, 20.0, since_s=20.0) == pytest.approx(WORST_M2_PER_S)
+    assert learnt(0.0, 60.0, since_s=60.0) < 0.1 * BETTER_M2_PER_S
+    assert learnt(0.3, 60.0, since_s=60.0) == pytest.approx(WORST_M2_PER_S)
+    assert learnt(3.0, 120.0, since_s=120.0) > WORST_M2_PER_S
+
+
+def test_a_drift_is_not_learnt_as_an_error_of_the_velocity() -> None:
+    assert learnt(0.0, 60.0, drift_mps=0.5, from_s=20.0, since_s=20.0) < 0.1 * BETTER_M2_PER_S
+    assert learnt(0.0, 60.0, drift_mps=0.5, from_s=20.0, since_s=50.0) >= WORST_M2_PER_S  # it did before
+
+
+def test_a_true_position_is_not_doubted_when_velocities_err_more_than_before() -> None:
+    """As reported in a flight of the search: what eight spans had shown was a third of these errors' size."""
+    way, monitor = VelocityWay(), FixMonitor(BY_VELOCITY)
+    for line in DOUBTED.read_text().splitlines()[1:]:
+        at_s, north, east, vel_north, vel_east = (float(cell) for cell in line.split(","))
+        way.update(Position((north, east, -10.0), (vel_north, vel_east, 0.0), at_s), at_s)
+        assert monitor.update((north, east), way.ne_m, at_s, walk_since=way.walk_since) is None
 
 
 def test_of_a_gap_nothing_is_said() -> None:
@@ -133,8 +157,8 @@ def test_the_one_with_satellites_believes_its_fixes_by_velocities_that_err_as_re
     assert not known.is_astray
 
 
-@pytest.mark.parametrize("quiet_s", [25.0, 60.0])
-def test_a_fix_that_is_led_away_is_not_learnt_as_an_error_of_the_velocity(quiet_s: float) -> None:
+@pytest.mark.parametrize(("quiet_s", "most_m"), [(25.0, 5.0), (60.0, 4.0)])
+def test_a_fix_that_is_led_away_is_not_learnt_as_an_error_of_the_velocity(quiet_s: float, most_m: float) -> None:
     """By the mean of what was learnt 8.3 m after 25 s, and 5.3 m after 60 s."""
     known, led_m, now_s = GlobalLocalisation(receives=True), 0.0, 0.0
     while not known.is_astray and led_m < 20.0:
@@ -143,4 +167,16 @@ def test_a_fix_that_is_led_away_is_not_learnt_as_an_error_of_the_velocity(quiet_
         told = Position((led_m, EAST_MPS * now_s, -8.0), (0.0, EAST_MPS, 0.0), now_s)
         known.receive_satellites(Satellites(used=True, sd_m=0.9), now_s)
         known.split_position(told, now_s, airborne=True)
-    assert 1.0 < led_m < 4.0
+    assert 1.0 < led_m < most_m
+
+
+def test_after_a_gap_the_one_with_satellites_holds_its_fixes_against_a_new_way() -> None:
+    """Of the 8 m that it flew meanwhile nothing was told: they are no way by which the fix is astray."""
+    known = GlobalLocalisation(receives=True)
+    for k in range(1200):
+        now_s = k * DT_S
+        if 60.0 < now_s < 64.0:
+            continue
+        known.receive_satellites(Satellites(used=True, sd_m=0.9), now_s)
+        known.split_position(Position((0.0, EAST_MPS * now_s, -8.0), (0.0, EAST_MPS, 0.0), now_s), now_s, airborne=True)
+    assert not known.is_astray

@@ -12,6 +12,7 @@ from companion.core.model.events import Position
 from companion.core.perception.landmarks.trunk_tracks import TRACKS_MAX
 from companion.core.perception.own_motion import FADES_S, OwnMotion
 from companion.core.perception.scan_odometry import FRESH_S, ScanOdometry
+from mission.common.frames import Vec3
 from tests.unit.core.perception.scan_kit import FINE, SECTORS, Stem, level_scan
 
 STEP_S = 0.1
@@ -33,7 +34,9 @@ class Flight:
 
     def __init__(self, stems: list[Stem], *, speed_mps: float = 2.0) -> None:
         self.stems = stems
-        self.motion = OwnMotion(FINE, turns_with_yaw=False)
+        self.peers: list[Vec3] = []
+        self.unheard = 0
+        self.motion = OwnMotion(FINE, turns_with_yaw=False, hull_m=0.35)
         self.speed_mps = speed_mps
         self.now_s = 100.0
         self.true_m = (0.0, 0.0)
@@ -65,7 +68,7 @@ class Flight:
         scan = level_scan(self.stems, self.true_m, turned_rad=self.yaw_off_rad + self.motion.turn_rad)
         for k in range(len(scan.eyes_north_m)):
             scan.eyes_north_m[k], scan.eyes_east_m[k] = placed.pos_ned_m[0], placed.pos_ned_m[1]
-        self.motion.integrate_turn(scan, 0.0, placed, (), self.now_s)
+        self.motion.integrate_turn(scan, 0.0, placed, self.peers, self.now_s, unheard=self.unheard)
 
     @property
     def strayed_m(self) -> tuple[float, float]:
@@ -188,6 +191,45 @@ def test_vehicles_that_fly_along_correct_nothing_for_long(speed_mps: float) -> N
         fly(flight, STEP_S)
     assert flight.motion.velocity_bias_ne_mps is None
     assert flight.motion.correct_place((0.0, 0.0, 0.0)) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("thin", [1, 2])
+def test_a_vehicle_that_creeps_unheard_corrects_nothing(thin: int) -> None:
+    """It hovers by its own estimate: beside one trunk it looked like the second, and the own velocity was wrong."""
+    trunks = [(11.0, 2.0, 0.12), (-9.0, -4.0, 0.12)][:thin]
+    flight = Flight([], speed_mps=0.0)
+    flight.unheard = 1
+    for k in range(80):
+        flight.stems = [*trunks, (7.0, -6.0 - 0.04 * k, 0.35)]
+        fly(flight, STEP_S)
+    bias = flight.motion.velocity_bias_ne_mps
+    if thin == 1:
+        assert bias is None
+    else:
+        assert bias is not None
+        assert math.hypot(*bias) < 0.05
+
+
+def test_among_trunks_as_thick_as_hulls_more_are_seen_than_vehicles_are_unheard() -> None:
+    flight = Flight([(north, east, 0.35) for north, east, _ in stand()])
+    flight.unheard, flight.off_mps = 2, (0.3, -0.2)
+    fly(flight, 6.0)
+    bias = flight.motion.velocity_bias_ne_mps
+    assert bias is not None
+    assert math.dist(bias, (-0.3, 0.2)) < 0.06
+    flight.unheard = 60
+    fly(flight, FRESH_S + 0.2)
+    assert not flight.motion.odometry.is_corrected(flight.now_s)
+
+
+def test_a_neighbour_far_off_is_no_trunk_though_the_heading_places_it_beside_its_report() -> None:
+    """A yaw that is 8 degrees wrong, as recorded ones are at times, has a hull 1.4 m from where it is, 10 m off."""
+    flight = Flight([(10.0, 0.0, 0.35), (0.0, -10.0, 0.35)], speed_mps=0.0)
+    flight.peers = [(10.0, 0.0, 0.0), (0.0, -10.0, 0.0)]
+    flight.yaw_off_rad = math.radians(8.0)
+    fly(flight, 3.0)
+    assert flight.motion.velocity_bias_ne_mps is None
+    assert not flight.motion.odometry.is_corrected(flight.now_s)
 
 
 def test_tracks_are_bounded() -> None:

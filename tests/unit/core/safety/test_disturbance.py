@@ -10,7 +10,7 @@ import pytest
 
 from companion.core.model.states import VelocityShaping
 from companion.core.safety.disturbance import CALM_MPS, DisturbanceEstimator
-from companion.core.safety.response_model import DEAD_S, follow_shaped
+from companion.core.safety.response_model import DEAD_S, follow_lagged, follow_shaped
 
 DT_S, LAG_S, MOST_MPS2 = 0.05, 0.3, 3.0
 Level = tuple[float, float]
@@ -49,7 +49,7 @@ def test_turns_of_a_vehicle_in_calm_air_are_no_gusts(dead: int) -> None:
     fly(gusts, weave, calm, dead=dead, s=20.0)
     assert math.hypot(*gusts.level_mps) < 0.1
     assert gusts.change_mps == 0.0
-    assert gusts.under_way(DT_S, MOST_MPS2) is None
+    assert (gusts.under_way(DT_S, MOST_MPS2) is None) == (dead * DT_S <= DEAD_S)
 
 
 @pytest.mark.parametrize("dead", [0, 3, 5])
@@ -75,8 +75,26 @@ def test_turns_of_a_vehicle_that_limits_its_jerk_are_foreseen_by_the_shaping_of_
     assert math.hypot(*known.level_mps) < 1e-6
     assert known.under_way(DT_S, MOST_MPS2) is not None
     assert known.dead_s == pytest.approx(0.15 + DEAD_S)
-    assert unknown.under_way(DT_S, MOST_MPS2) is None
     assert unknown.dead_s == DEAD_S
+
+
+def test_where_setpoints_under_way_lead_a_vehicle_that_follows_late_is_foreseen() -> None:
+    """With 0.25 s of dead time, until no more than DEAD_S of it is left."""
+    gusts, last, vel = DisturbanceEstimator(), (0.0, 0.0), (0.0, 0.0)
+    sent, flown = [last] * 5, list[Level]()
+    foreseen = list[tuple[float, float, float, float] | None]()
+    for k in range(400):
+        gusts.estimate_disturbance(vel, last, DT_S, MOST_MPS2)
+        foreseen.append(gusts.under_way(DT_S, MOST_MPS2))
+        flown.append(vel)
+        last = weave(k * DT_S)
+        sent.append(last)
+        vel = follow_lagged(vel, sent.pop(0), DT_S, MOST_MPS2)
+    for k in range(200, 397):
+        ahead = flown[k + 1 : k + 4]
+        changed = (ahead[-1][0] - flown[k][0], ahead[-1][1] - flown[k][1])
+        moved = (DT_S * sum(n for n, _ in ahead), DT_S * sum(e for _, e in ahead))
+        assert foreseen[k] == pytest.approx((*moved, *changed), abs=0.01)
 
 
 def test_changing_wind_is_worth_the_more_room_the_more_it_changes() -> None:
