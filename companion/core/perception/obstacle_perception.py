@@ -214,7 +214,10 @@ class SensingPerception(ObstaclePerception):
         self._ghosts: Final = GhostTracks()
         self._clear_m: Final = sensing.vehicle_radius_m + sensing.margin_m
         self.motion: Final = OwnMotion(
-            ScanClass(sensing.sensor), turns_with_yaw=turns_with_yaw, hull_m=sensing.vehicle_radius_m
+            ScanClass(sensing.sensor),
+            turns_with_yaw=turns_with_yaw,
+            hull_m=sensing.vehicle_radius_m,
+            others=self._others,
         )
         # Laid where a leader may rise alone: without that it looks at no ray
         self.columns: Final = ColumnMap(clear_m=self._clear_m, top_up_m=mission.ceiling_m + ABOVE_M)

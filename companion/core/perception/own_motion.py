@@ -21,9 +21,10 @@ from mission.common.frames import Vec3
 
 # Of the observer while trunks correct the position to centimetres: it follows an error that is half forgotten in 2.5 s
 CORRECTED_PER_S: Final = 4.0
-# No estimator that flies is so wrong (0.25 m/s rms an axis): what is taken for trunks moves, as a formation does
+# Estimators are hardly ever so wrong (0.25 m/s rms an axis): what is taken for trunks moves, as a formation does
 BIAS_MAX_MPS: Final = 0.9
 RECKONS_BIAS_MAX_MPS: Final = 1.6  # by inertial sensors alone more comes to it, up to 1.25 m/s
+OTHERS: Final = 255  # vehicles of a swarm whose size is not told
 FADES_S: Final = 4.0  # after the last correction, until the observer has found back to what positions alone say
 
 
@@ -36,10 +37,22 @@ class OwnMotion:
     From the moment on at which a fix is lost it goes by the last good position, and the way since by trunks.
     """
 
-    __slots__ = ("_is_odometry", "_observer", "_shift_then_m", "odometry", "vehicles", "velocity_bias_ne_mps")
+    __slots__ = (
+        "_is_odometry",
+        "_observer",
+        "_others",
+        "_shift_then_m",
+        "odometry",
+        "vehicles",
+        "velocity_bias_ne_mps",
+    )
 
-    def __init__(self, kind: ScanClass, *, turns_with_yaw: bool, hull_m: float = 0.0) -> None:
-        """`turns_with_yaw`: reported positions are odometry; `hull_m`: a vehicle's radius; see `ScanOdometry`."""
+    def __init__(self, kind: ScanClass, *, turns_with_yaw: bool, hull_m: float = 0.0, others: int = OTHERS) -> None:
+        """`turns_with_yaw`: reported positions are odometry; `hull_m`: a vehicle's radius; see `ScanOdometry`.
+
+        `others`: vehicles of the swarm besides this one.
+        """
+        self._others: Final = others
         self._is_odometry: Final = turns_with_yaw
         self.odometry: Final = ScanOdometry(kind, turns_with_yaw=turns_with_yaw, hull_m=hull_m)
         self.vehicles: Final = VehicleTracks()
@@ -122,7 +135,9 @@ class OwnMotion:
         self._observer.bandwidth_per_s = CORRECTED_PER_S if odometry.is_corrected(now_s) else BANDWIDTH_PER_S
         self._observer.update(placed, own.vel_ned_mps, now_s if own.boot_s is None else own.boot_s)
         bias = self._observer.ned_mps
-        if math.hypot(bias[0], bias[1]) > (RECKONS_BIAS_MAX_MPS if reckons else BIAS_MAX_MPS):
+        # More trunks than there are vehicles are no formation: then it is the estimator that is so wrong
+        may_err = reckons or odometry.corrected_by > self._others
+        if math.hypot(bias[0], bias[1]) > (RECKONS_BIAS_MAX_MPS if may_err else BIAS_MAX_MPS):
             odometry.restart(now_s)
             self._observer.ned_mps = bias = ZERO
         is_fresh = now_s - odometry.corrected_s <= FADES_S

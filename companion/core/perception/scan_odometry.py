@@ -61,6 +61,7 @@ class ScanOdometry:
         "_walls",
         "_yaw_rad",
         "corrected_along",
+        "corrected_by",
         "corrected_s",
         "frame",
         "reckons",
@@ -85,6 +86,7 @@ class ScanOdometry:
         # How places of before are turned by now: clockwise, rad, then moved north and east, m
         self.frame: tuple[float, float, float] = (0.0, 0.0, 0.0)
         self.corrected_s = -math.inf  # when trunks or walls corrected it last
+        self.corrected_by = 0  # trunks that did so then
         # The one level direction (unit vector) in which walls alone did so then; None: in all
         self.corrected_along: tuple[float, float] | None = None
         # Covariance of shift north, east, turn, frame: 16 numbers, by rows
@@ -228,7 +230,7 @@ class ScanOdometry:
                     turn_rad, frame_rad = turn_rad + d_turn, frame_rad + d_frame
             self.shift_m = (self.shift_m[0] + shift_n, self.shift_m[1] + shift_e)
             self.turn_rad += turn_rad
-            self.corrected_s = now_s
+            self.corrected_s, self.corrected_by = now_s, len(found)
             self.corrected_along = None if len(found) >= LEAST_TRUNKS else _one_direction(found_walls)
         for sighting in sightings:
             known = sighting.trunk

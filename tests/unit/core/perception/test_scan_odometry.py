@@ -36,7 +36,7 @@ class Flight:
         self.stems = stems
         self.peers: list[Vec3] = []
         self.unheard = 0
-        self.motion = OwnMotion(FINE, turns_with_yaw=False, hull_m=0.35)
+        self.motion = OwnMotion(FINE, turns_with_yaw=False, hull_m=0.35, others=7)
         self.speed_mps = speed_mps
         self.now_s = 100.0
         self.true_m = (0.0, 0.0)
@@ -98,6 +98,18 @@ def test_a_velocity_that_is_wrong_is_told_by_how_the_trunks_pass() -> None:
     bias = flight.motion.velocity_bias_ne_mps
     assert bias is not None
     assert math.dist(bias, (-0.3, 0.2)) < 0.06
+
+
+def test_a_velocity_more_wrong_than_ever_is_told_by_more_trunks_than_there_are_vehicles() -> None:
+    """It was taken for a formation that flies along, and for a second nothing was told."""
+    flight = Flight(stand())
+    fly(flight, 3.0)
+    flight.off_mps = (0.95, 0.0)
+    fly(flight, 2.0)
+    for _ in flight.run(3.0):
+        bias = flight.motion.velocity_bias_ne_mps
+        assert bias is not None
+        assert math.dist(bias, (-0.95, 0.0)) < 0.15
 
 
 def test_a_yaw_that_turns_away_is_turned_back() -> None:
