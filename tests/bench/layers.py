@@ -31,6 +31,7 @@ from sim_bridge.judge.metrics import separation_m
 from sim_bridge.judge.metrics.graph import connectivity
 from sim_bridge.judge.metrics.pairs import look_at_pairs
 from sim_bridge.judge.run_folder import load_faults
+from sim_bridge.judge.tick import TOUCHED
 from sim_bridge.trunk_attenuation import range_share
 from tests.bench.table import spread
 
@@ -59,6 +60,7 @@ class Flown:
     cuts_s: tuple[tuple[float, float], ...]  # as they were in force
     together_s: float | None  # from the last cut's end until the alive are one part; None: never
     verdict: str
+    contacts_killed: int = 0  # of `contacts`: vehicles whose companion had ended, and that drifted into something
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +122,8 @@ def fly_one(seed: int, course: Course, *, layers: bool) -> Flown:
         end_s = max(until_s for _, until_s in cuts)
         one = np.flatnonzero(connected & (recording.time_s >= end_s))
         together_s = float(recording.time_s[one[0]]) - end_s if one.size else None
+    killed = [k for fault in happened if fault.kind is FaultKind.KILL for k in fault.vehicles]
+    touched = recording.touched[-1]
     return Flown(
         seed,
         layers,
@@ -134,6 +138,7 @@ def fly_one(seed: int, course: Course, *, layers: bool) -> Flown:
         tuple(cuts),
         together_s,
         str(result.summary["verdict"]),
+        sum(TOUCHED[touched[k - 1]] not in {"", "vehicle"} for k in killed),
     )
 
 
@@ -166,9 +171,8 @@ def main(argv: Sequence[str]) -> int:
                     with args.rows.open("a", encoding="utf-8") as file:
                         file.write(json.dumps({"course": asdict(course), "flown": asdict(row)}) + "\n")
         sums.append(_sum_up(name, [flown[seed] for seed in seeds]))
-    print(
-        f"\n| | flights | grades | arrived | contacts: vehicles | all | level distance, m | below {NEAR_M} m ", end=""
-    )
+    print("\n| | flights | grades | arrived | contacts: vehicles | all (of those killed) | level distance, m ", end="")
+    print(f"| below {NEAR_M} m ", end="")
     print(f"| below {TOO_NEAR_M} m | together {TOGETHER_S:.0f} s after |")
     print("|---" * 10 + "|", *sums, sep="\n")
     return 0
@@ -190,11 +194,13 @@ def _sum_up(name: str, flown: Sequence[Flown]) -> str:
     grades = ", ".join(f"{count} {grade}" for grade, count in sorted(Counter(row.grade for row in flown).items()))
     least_m = [row.least_m for row in flown]
     near, too_near = (sum(m < limit_m for m in least_m) for limit_m in (NEAR_M, TOO_NEAR_M))
-    vehicles, contacts = (sum(getattr(row, what) for row in flown) for what in ("contacts_vehicles", "contacts"))
+    vehicles, contacts, killed = (
+        sum(getattr(row, what) for row in flown) for what in ("contacts_vehicles", "contacts", "contacts_killed")
+    )
     cut = [row.together_s for row in flown if row.cuts_s]
     together = sum(late_s is not None and late_s <= TOGETHER_S for late_s in cut)
     arrived = sum(row.arrived for row in flown)
     return (
-        f"| {name} | {len(flown)} | {grades} | {arrived} | {vehicles} | {contacts} | {spread(least_m, '')} "
+        f"| {name} | {len(flown)} | {grades} | {arrived} | {vehicles} | {contacts} ({killed}) | {spread(least_m, '')} "
         f"| {near} | {too_near} | {together} of {len(cut)} |"
     )
