@@ -9,12 +9,15 @@ from __future__ import annotations
 import argparse
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
+import matplotlib
 import numpy as np
+from matplotlib.figure import Figure
 
 from companion.core.model.events import Position
 from companion.core.perception.obstacle_perception import SensingPerception
@@ -27,6 +30,7 @@ from mission.schema.kinds import SensorClass
 from mission.schema.trees import StandTree
 from mission.stand.stand import Stand, stand_of
 from sim_bridge.judge.metrics import CONTACT_M
+from sim_bridge.lab.plot_style import ALARM, FAINT, RC, colours
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.sensors.lidar import Lidar
 from sim_bridge.world.sensors.raw_lidar import RawLidar
@@ -195,8 +199,10 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--density", type=float, default=200.0, metavar="TREES", help="per ha (200)")
     parser.add_argument("--speed", type=float, default=3.0, metavar="MPS", help="of each; one overtaken: a third (3)")
     parser.add_argument("--sensor", action="append", metavar="CLASS", help="sensing.sensor (sectors, scan-1deg)")
+    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="nearest against known from, of each encounter")
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="at once (2)")
     args = parser.parse_args(argv)
+    all_met: dict[tuple[SensorClass, str], list[Met]] = {}
     print(
         "| sensor | encounter | runs | contacts | nearest, m | below 2 m | vehicle known from, m |",
         "|---|---|---|---|---|---|---|",
@@ -207,6 +213,7 @@ def main(argv: Sequence[str]) -> int:
             one = partial(meet, kind=kind, sensor=sensor, density_per_ha=args.density, speed_mps=args.speed)
             with ProcessPoolExecutor(args.jobs) as pool:
                 met = list(pool.map(one, range(args.first_seed, args.first_seed + args.runs), chunksize=5))
+            all_met[sensor, kind] = met
             least_m = [one.least_m for one in met]
             known_m = [one.known_m for one in met if one.known_m < math.inf]
             contacts, near = (sum(m < limit_m for m in least_m) for limit_m in (CONTACT_M, 2.0))
@@ -215,4 +222,26 @@ def main(argv: Sequence[str]) -> int:
                 f"| {sensor.value} | {kind} | {len(met)} | {contacts} | {spread(least_m, '')} | {near} | {known} |",
                 flush=True,
             )
+    if args.plot:
+        draw(all_met, args.plot, args.speed)
     return 0
+
+
+def draw(met: Mapping[tuple[SensorClass, str], Sequence[Met]], file: Path, speed_mps: float) -> None:
+    """How near they came, over the distance from which one first knew of the other: a panel for each class."""
+    sensors = list(dict.fromkeys(sensor for sensor, _ in met))
+    with matplotlib.rc_context(RC):
+        figure = Figure(figsize=(3.4 * len(sensors), 3.6), dpi=110, layout="constrained")
+        panels = figure.subplots(1, len(sensors), sharex=True, sharey=True, squeeze=False)[0]
+        for axes, sensor in zip(panels, sensors, strict=True):
+            for kind, colour in zip(COURSES_DEG, colours(len(COURSES_DEG)), strict=True):
+                known = [one for one in met[sensor, kind] if one.known_m < math.inf]
+                places = [[one.known_m for one in known], [one.least_m for one in known]]
+                axes.plot(*places, "o", markersize=2.5, alpha=0.6, color=colour, label=kind)
+            axes.axhline(CONTACT_M, color=ALARM, linewidth=0.8)
+            axes.plot([0.0, 11.0], [0.0, 11.0], color=FAINT, linewidth=0.8)
+            axes.set_title(sensor.value)
+            axes.set_xlabel("vehicle known from, m")
+        panels[0].set_ylabel(f"nearest, m, at {speed_mps:g} m/s each")
+        panels[0].legend(loc="upper left")
+        figure.savefig(file, metadata={"Software": None})
