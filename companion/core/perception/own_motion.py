@@ -169,8 +169,9 @@ class OwnMotion:
         `unheard`: as `ScanOdometry.integrate_scan`; `hovering`: places of hulls, in the frame of the turns: no trunks.
         """
         north, east, _ = own.pos_ned_m
-        at = [*[(north + rel[0], east + rel[1], rel[2]) for rel in peers], *self.vehicles.places(), *hovering]
+        heard = [(north + rel[0], east + rel[1], rel[2]) for rel in peers]
+        at = [*heard, *self.vehicles.places(), *hovering]
         stems = self.odometry.integrate_scan(scan, yaw_rad, at, now_s, unheard=unheard)
         others = [one for one in stems if one.trunk is None or not one.trunk.is_good]
-        self.vehicles.integrate_sightings(others, scan, now_s, hovering)
+        self.vehicles.integrate_sightings(others, scan, now_s, hovering, heard)
         return stems

@@ -152,19 +152,22 @@ class _Track:
         least_m = GONE_M + (0.0 if is_whole else 2.0 * across_sd_m)
         return gone_m > least_m and self.speed_mps > MOVES_MPS + self.sd_mps
 
-    def note_motion(self, now_s: float, hovering: Sequence[Vec3]) -> None:
+    def note_motion(self, now_s: float, hovering: Sequence[Vec3], heard: Sequence[Vec3]) -> None:
         """After each sighting: one that has moved is a vehicle, and stays one when it stops; not for ever.
 
-        One that hovers is a vehicle as long as it does.
+        One that hovers is a vehicle as long as it does, and one that moved and stands where a neighbour is `heard`.
         """
-        self.hovers = any([math.hypot(at[0] - self.north_m, at[1] - self.east_m) <= HOVERS_M for at in hovering])
+        self.hovers = self._is_near(hovering, HOVERS_M)
         if self.hovers or self._has_moved():
             self.is_vehicle = True
             self.moved_s = now_s
-        elif self.speed_mps > STANDS_MPS + self.sd_mps:
+        elif self.speed_mps > STANDS_MPS + self.sd_mps or self._is_near(heard, HEARD_M):
             self.moved_s = now_s
         elif now_s - self.moved_s > STANDS_S:
             self.is_vehicle = self.is_free = False
+
+    def _is_near(self, places: Sequence[Vec3], within_m: float) -> bool:
+        return any([math.hypot(at[0] - self.north_m, at[1] - self.east_m) <= within_m for at in places])
 
     @property
     def speed_mps(self) -> float:
@@ -248,9 +251,14 @@ class VehicleTracks:
         self._tracks: list[_Track] = []
 
     def integrate_sightings(
-        self, sightings: Sequence[Sighting], scan: LevelScan, now_s: float, hovering: Sequence[Vec3]
+        self,
+        sightings: Sequence[Sighting],
+        scan: LevelScan,
+        now_s: float,
+        hovering: Sequence[Vec3],
+        heard: Sequence[Vec3],
     ) -> None:
-        """Stems of a whole turn that are no good trunks. `hovering`: places at which hulls hover."""
+        """Stems of a whole turn that are no good trunks. Places at which hulls hover, and neighbours are heard."""
         self._tracks = [track for track in self._tracks if now_s - track.seen_s <= track.kept_s]
         for track in self._tracks:
             track.advance(now_s)
@@ -260,7 +268,7 @@ class VehicleTracks:
             if nearest is not None:
                 nearest.take_sighting(sighting, now_s)
                 nearest.check_free(scan)
-                nearest.note_motion(now_s, hovering)
+                nearest.note_motion(now_s, hovering, heard)
                 taken.append(nearest)
             elif len(self._tracks) < TRACKS_MAX:
                 track = _Track(sighting, scan, now_s)

@@ -133,6 +133,18 @@ def test_one_that_stops_is_a_vehicle_still_and_an_obstacle_after_a_while() -> No
     assert watch(stops, 3.0 + STANDS_S).vehicles.find_vehicles((0.0, 0.0, -4.0), (), 3.0 + STANDS_S) == []
 
 
+def test_one_that_stops_where_a_neighbour_is_heard_stays_a_vehicle_and_no_trunk_becomes_one() -> None:
+    """Two kept 4.4 m instead of 5: one stood and was a trunk by then, and both reported themselves farther off."""
+
+    def stops(t: float) -> tuple[float, float]:
+        return 5.0, 2.5 - 2.0 * min(t, 1.5)
+
+    lasts_s, beside = 3.0 + 2.0 * STANDS_S, (5.4, -0.9, 0.0)
+    (seen,) = watch(stops, lasts_s, peers=(beside,)).vehicles.find_vehicles((0.0, 0.0, -4.0), (), lasts_s)
+    assert math.dist(seen.rel_ned_m[:2], stops(lasts_s)) < 0.15
+    assert watch(None, lasts_s, peers=((*TRUNKS[0][:2], 0.0),)).vehicles.find_vehicles((0.0, 0.0, -4.0), (), 3.0) == []
+
+
 def test_one_that_is_heard_where_it_is_and_moving_so_is_that_neighbour() -> None:
     motion = watch(crossing)
     heard = neighbour(2, rel_ned_m=(*crossing(2.0), 0.0), vel_ned_mps=(0.0, -2.0, 0.0))
