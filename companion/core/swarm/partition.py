@@ -113,7 +113,7 @@ class NetworkPartition:
         if len(self._layers) == 1 or not picture.is_steered:
             self._layer_m = None
         elif self._whole_s is None:
-            if lease is not None and self.partitioned_s(now_s) >= LAYER_AFTER_S:
+            if lease is not None and not lease.quorum and self.partitioned_s(now_s) >= LAYER_AFTER_S:
                 self._layer_m = choose_layer(self._layers, lease.leader)
         elif now_s - self._whole_s >= REJOINED_S and self._is_way_free(picture):
             self._layer_m = None

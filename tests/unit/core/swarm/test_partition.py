@@ -236,6 +236,20 @@ def test_part_that_has_the_majority_again_does_not_wait_for_ever_below_one_that_
     assert parts.leaves_layer(now_s) is (waits_s < LEAVES_S)
 
 
+def test_part_keeps_its_layer_until_it_goes_back_whoever_leads_when_it_has_the_majority_again() -> None:
+    """By the new leader's id it sank to the third layer, and then rose past the second to the first."""
+    parts = build_partition(mission(sensing={}, swarm={"size": 3}, separation={"height_layers": True}))
+    alone, again = replace(lease(2, established=True), quorum=False), lease(3, established=True)
+    heights_m, now_s = list[float | None](), 100.0
+    for _ in range(round(6.0 / PERIOD_S)):
+        now_s += PERIOD_S
+        now = picture(now_s=now_s, state=FlightState.TRANSIT, airborne=True)
+        parts.update_quorum(now, alone if now_s < 103.0 else again)
+        next_period = alone if now_s + PERIOD_S < 103.0 else again
+        heights_m.append(parts.update_layer(now, next_period))  # a lease is known before the next period counts it
+    assert set(heights_m) == {8.0, 6.0}
+
+
 @pytest.mark.parametrize(
     ("changes", "state", "held_m"),
     [
