@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from companion.lidar.mounting import SECTORS, sector_at
+from companion.lidar.mounting import SECTOR_DEG, SECTORS, sector_at
 from mission.schema.kinds import RAW_LIDARS
 
 MODEL_NAMES: Final = ("rplidar-a", "rplidar-s", "ld06", "ld19", "mid360")  # of `models.MODELS`
@@ -21,8 +21,14 @@ def parse_mask(text: str) -> frozenset[int]:
     """
     sectors = set[int]()
     for part in text.split(","):
-        first, last = (sector_at(bearing_deg) for bearing_deg in _interval(part, "130..140"))
-        sectors.update((first + k) % SECTORS for k in range((last - first) % SECTORS + 1))
+        from_deg, to_deg = _interval(part, "130..140")
+        if not all(abs(deg) <= 360.0 for deg in (from_deg, to_deg)):
+            raise ValueError(f"{part!r}: must be FROM..TO, bearings from -360 to 360")
+        first, last = sector_at(from_deg), sector_at(to_deg)
+        count, goes_deg = (last - first) % SECTORS + 1, (to_deg - from_deg) % 360.0
+        if count == 1 and (goes_deg > SECTOR_DEG or (goes_deg == 0.0 and to_deg != from_deg)):  # once round
+            count = SECTORS
+        sectors.update((first + k) % SECTORS for k in range(count))
     if len(sectors) == SECTORS:
         raise ValueError(f"{text!r}: leaves no sector")
     return frozenset(sectors)

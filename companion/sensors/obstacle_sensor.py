@@ -34,8 +34,8 @@ class ObstacleSensor(SensorSource):
         "as seen."
     )
     UNUSED = (
-        "has no [sensing], so nothing would fly by this sensor. Add the table to the mission of all vehicles, or leave "
-        "the option out"
+        'has no [sensing] with sensor = "sectors", so nothing would fly by this sensor. Set the key in the mission of '
+        "all vehicles, name a raw lidar's link as lidar=, or leave the option out"
     )
     STALE = "no scan that is fresh"
     IS_FORWARDED = True

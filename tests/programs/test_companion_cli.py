@@ -80,7 +80,7 @@ def test_help_says_what_it_is_with_an_example() -> None:
 
 @pytest.mark.parametrize(
     ("name", "why"),
-    [("obstacles", "has no [sensing]"), ("ranges", "has no [ranging]")],
+    [("obstacles", "has no [sensing] with sensor"), ("ranges", "has no [ranging]")],
 )
 def test_sensor_that_the_mission_does_not_fly_by_is_refused(mission: Path, name: str, why: str) -> None:
     done = _run(mission, sensor=f"{name}=udpin://127.0.0.1:14570")

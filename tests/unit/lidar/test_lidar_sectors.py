@@ -111,7 +111,20 @@ def test_sector_0_looks_ahead() -> None:
     assert [sector_at(deg) for deg in (-2.6, -2.4, 0.0, 2.4, 2.6, 357.6, 720.0)] == [71, 0, 0, 0, 1, 0, 0]
 
 
-@pytest.mark.parametrize("text", ["", "10", "10..", "a..b", "10..20,", "1000..2", "0..355", "10...20"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "10", "10..", "a..b", "10..20,", "1000..2", "999..5", "10...20"),
+        *(
+            "0..355",
+            "0..358",
+            "0..359",
+            "0..360",
+            "-180..180",
+            "2..1",
+        ),  # all round, and not the one sector they begin in
+    ],
+)
 def test_a_mask_that_is_none_is_refused_with_its_value(text: str) -> None:
     with pytest.raises(ValueError, match=r"must be FROM\.\.TO|leaves no sector"):
         parse_mask(text)
