@@ -198,7 +198,8 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--first-seed", type=int, default=3000, metavar="S", help="(3000)")
     parser.add_argument("--density", type=float, default=200.0, metavar="TREES", help="per ha (200)")
     parser.add_argument("--speed", type=float, default=3.0, metavar="MPS", help="of each; one overtaken: a third (3)")
-    parser.add_argument("--sensor", action="append", metavar="CLASS", help="sensing.sensor (sectors, scan-1deg)")
+    classes = [sensor.value for sensor in SensorClass]
+    parser.add_argument("--sensor", action="append", choices=classes, help="sensing.sensor (sectors, scan-1deg)")
     parser.add_argument("--plot", type=Path, metavar="FILE.png", help="nearest against known from, of each encounter")
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="at once (2)")
     args = parser.parse_args(argv)
