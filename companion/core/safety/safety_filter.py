@@ -264,7 +264,7 @@ class SafetyFilter:
     def _separations_from_seen(
         self, seen: Sequence[SeenVehicle], own_ned_mps: Vec3, drift_ned_mps: Vec3
     ) -> list[Bound]:
-        """Bounds on closing on vehicles that are seen, level: nobody knows whether those that are not heard give way.
+        """Bounds on closing on vehicles seen, level: of those that are not heard nobody knows whether they give way.
 
         One that is heard has another bound, by its word: so its word alone brings nobody nearer to where it is.
         """
@@ -278,7 +278,7 @@ class SafetyFilter:
             room_m = distance_m - self.hard_separation_m - MARGIN_M - strayed_m
             seen_mps = dot(vehicle.vel_ned_mps, along)
             most_mps = self.response.closing_mps(room_m) + self._believed(seen_mps)
-            if vehicle.heard:  # both brake
+            if vehicle.gives_way:  # both brake
                 shared_mps = self._believed((dot(own_ned_mps, along) + seen_mps) / 2.0)
                 most_mps = self.response.closing_mps(room_m) / 2.0 + shared_mps
             bounds.append(Bound(along, most_mps - dot(along, drift_ned_mps)))

@@ -46,7 +46,7 @@ HEARD_MPS: Final = 1.0  # and moves so alike, but for what the track's own veloc
 class SeenVehicle:
     """A vehicle by scans alone, level: relative to this one (NED m), its velocity, and how uncertain it is."""
 
-    __slots__ = ("age_s", "heard", "hovers", "rel_ned_m", "sd_m", "vel_ned_mps")
+    __slots__ = ("age_s", "gives_way", "heard", "hovers", "rel_ned_m", "sd_m", "vel_ned_mps")
 
     def __init__(
         self,
@@ -57,6 +57,7 @@ class SeenVehicle:
         *,
         hovers: bool = False,
         heard: bool = False,
+        gives_way: bool = False,
     ) -> None:
         self.rel_ned_m: Final = rel_ned_m  # now
         self.vel_ned_mps: Final = vel_ned_mps
@@ -64,6 +65,7 @@ class SeenVehicle:
         self.age_s: Final = age_s  # since it was seen last
         self.hovers: Final = hovers  # it is no trunk, whether it moves or not: see `HoveringHulls`
         self.heard: Final = heard  # a neighbour says that it is here, and moves so: it is where it is seen
+        self.gives_way: Final = gives_way  # and its companion steers it
 
     @property
     def rests(self) -> bool:
@@ -294,8 +296,11 @@ class VehicleTracks:
             )
             vel = (track.north_mps, track.east_mps, 0.0)
             sd_m = math.hypot(track.sd_m, track.sd_mps * ahead_s)
-            is_heard = any([_is_heard(rel, vel, neighbour, track.sd_mps) for neighbour in heard])
-            found.append(SeenVehicle(rel, vel, sd_m, age_s, hovers=track.hovers, heard=is_heard))
+            fits = [neighbour for neighbour in heard if _is_heard(rel, vel, neighbour, track.sd_mps)]
+            give_way = len(fits) > 0 and all([neighbour.gives_way for neighbour in fits])
+            found.append(
+                SeenVehicle(rel, vel, sd_m, age_s, hovers=track.hovers, heard=len(fits) > 0, gives_way=give_way)
+            )
         return found
 
     def _find_nearest(self, sighting: Sighting, taken: Sequence[_Track]) -> _Track | None:

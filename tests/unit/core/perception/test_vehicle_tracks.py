@@ -150,6 +150,7 @@ def test_one_that_is_heard_where_it_is_and_moving_so_is_that_neighbour() -> None
     heard = neighbour(2, rel_ned_m=(*crossing(2.0), 0.0), vel_ned_mps=(0.0, -2.0, 0.0))
     (seen,) = motion.vehicles.find_vehicles((0.0, 0.0, -4.0), (heard,), 2.0)
     assert seen.heard
+    assert seen.gives_way is heard.gives_way
 
 
 @pytest.mark.parametrize(
@@ -221,8 +222,11 @@ def test_a_neighbour_that_reports_itself_farther_off_than_it_is_seen_is_kept_fro
         around = Surroundings(own, (told,), {}, cloud, seen=seen, commanded_ned_mps=(1.0, 0.0, 0.0))
         return safety_filter.apply((1.0, 0.0, 0.0), around, dt_s=0.05).vel_ned_mps[0]
 
-    def at(distance_m: float) -> SeenVehicle:
-        return SeenVehicle((distance_m, 0.0, 0.0), (0.0, 0.0, 0.0), 0.05, 0.0, heard=True)
+    def at(distance_m: float, *, gives_way: bool = True) -> SeenVehicle:
+        place = (distance_m, 0.0, 0.0)
+        return SeenVehicle(place, (0.0, 0.0, 0.0), 0.05, 0.0, heard=True, gives_way=gives_way)
 
     assert setpoint(at(hard_m + 0.6)) < setpoint() - 0.1
     assert setpoint(at(hard_m + 2.5)) == pytest.approx(setpoint())  # seen farther off it frees nothing
+    # Steered by a pilot, or held, it gives no way: nobody leaves it half of the braking
+    assert setpoint(at(hard_m + 0.6, gives_way=False)) < setpoint(at(hard_m + 0.6)) - 0.1
