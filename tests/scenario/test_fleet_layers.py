@@ -7,7 +7,7 @@ import math
 import pytest
 
 from companion.core.model.states import FlightState, Order
-from companion.core.swarm.partition import LAYER_AFTER_S, REJOINED_S
+from companion.core.swarm.partition import LAYER_AFTER_S, REJOINED_S, STANDS_S, WAIT_IN_LAYERS_S
 from mission.document.height_layers import SAME_HEIGHT_M
 from tests.unit.core.core_fleet import Fleet
 from tests.unit.core.core_kit import mission
@@ -82,7 +82,7 @@ def test_two_parts_that_hear_nobody_pass_each_other_in_different_layers() -> Non
     """Of four, halves: none has the majority, and each leaves the mission's height by its leader's id."""
     swarm = on_the_way(4)
     swarm.apart |= {1, 2}
-    assert least_level_m(swarm, 40.0) >= 4.5
+    assert least_level_m(swarm, STANDS_S + 20.0) >= 4.5
     one, other = (heights_m(swarm, part) for part in ({1, 2}, {3, 4}))
     assert max(*one, *other) <= BELOW_M + HELD_M
     assert all(swarm.aircraft[k].state is FlightState.SEEKING for k in swarm.aircraft)
@@ -99,6 +99,28 @@ def test_part_that_has_the_majority_again_goes_on_only_when_it_leaves_its_layer(
         swarm.run(0.1)
         assert all(math.dist(before[k][:2], swarm.aircraft[k].pos_ned_m[:2]) <= 1.5 for k in before)
     swarm.until("COVERAGE", limit_s=90.0, among={2, 3, 4})
+
+
+def test_parts_stand_until_a_cut_is_over_and_nobody_has_looked_for_the_others() -> None:
+    """The majority went on after 10 s, and those that it had left behind landed."""
+    swarm = on_the_way()
+    swarm.apart |= REAR
+    swarm.run(LAYER_AFTER_S + 12.0)
+    before = {k: one.pos_ned_m for k, one in swarm.aircraft.items()}
+    swarm.run(STANDS_S - LAYER_AFTER_S - 14.0)
+    assert all(math.dist(before[k][:2], one.pos_ned_m[:2]) <= 3.0 for k, one in swarm.aircraft.items())
+    assert all(swarm.aircraft[k].state is FlightState.HOLD for k in REAR)
+    swarm.apart.clear()
+    swarm.until("TRANSIT", limit_s=5.0)
+
+
+def test_majority_in_layers_goes_on_without_those_that_are_lost_for_good() -> None:
+    swarm = on_the_way()
+    swarm.hung |= REAR
+    swarm.run(WAIT_IN_LAYERS_S)
+    here_m = max(one.pos_ned_m[1] for one in swarm.aircraft.values())
+    assert here_m <= 60.0
+    swarm.until("COVERAGE", limit_s=60.0, among=swarm.aircraft.keys() - REAR)
 
 
 def test_without_layers_nobody_leaves_the_missions_height() -> None:

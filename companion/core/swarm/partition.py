@@ -37,12 +37,15 @@ LED = (FlightState.TRANSIT, FlightState.RETURNING, FlightState.SEEKING)
 LAYER_AFTER_S: Final = 1.0  # without the majority, until it changes its height: not for moments
 REJOINED_S: Final = 3.0  # with it again, until it comes back
 LEAVES_S: Final = 10.0  # so long it waits to come back: one that hovers above may bar the way for good
-# Without it, where there are layers, until a part looks for the others. Several parts may share a layer, and those with
-# the majority come back to where it is: who stands is where the others take it to be.
-STANDS_S: Final = 30.0
-# Under the open sky, for each that is lost on the way: who sees nobody must not look for others, but where both parts
-# stand they hear each other as soon as the radio lets them. Half a minute, and the time in which they become one again.
+# For each that is lost on the way the majority waits longer where the others stand, too: all hear one another as soon
+# as the radio lets them. Under the open sky, where who sees nobody must not look for others: half a minute, and the
+# time in which they become one again. In layers a minute: whom it has left behind may have to go round many trees.
 WAIT_OPEN_S: Final = 40.0
+WAIT_IN_LAYERS_S: Final = 60.0
+# Without the majority, where there are layers, until a part looks for the others. Several parts may share a layer, and
+# those with the majority come back to where it is: who stands is where the others take it to be. Shorter than the
+# majority waits: it is found where it was heard last.
+STANDS_S: Final = 50.0
 NO_NEIGHBOUR: Final = failsafe_engine.row(Cause.NO_NEIGHBOUR)
 NO_MAJORITY_LONG: Final = failsafe_engine.row(Cause.NO_MAJORITY_LONG)
 
@@ -56,7 +59,6 @@ class NetworkPartition:
     def __init__(self, mission: Mission) -> None:
         self.recovery = PartitionRecovery()
         self.waits_for: list[int] = []  # a leader's with the majority: which of the others, see `LostPeerTimer`
-        self._timer = LostPeerTimer(WAIT_OPEN_S if mission.sensing is None else OTHERS_LOST.limit_s)
         self._alone_is_company = mission.swarm.size == 1
         self._alone_beacons_s = NO_NEIGHBOUR.delay_periods / mission.radio.beacon_rate_hz
         self._partitioned_s: float | None = None  # since when this part has not held the majority
@@ -64,6 +66,8 @@ class NetworkPartition:
         self._contact_s: float | None = None  # when this vehicle was last in company
         self._layers: Final = list_layers(mission)
         has_layers = mission.sensing is not None and len(self._layers) > 1
+        wait_s = WAIT_OPEN_S if mission.sensing is None else WAIT_IN_LAYERS_S if has_layers else OTHERS_LOST.limit_s
+        self._timer = LostPeerTimer(wait_s)
         self._held_m: Final = self._layers[0] if has_layers else None  # else a formation's heights wander
         self._layer_m: float | None = None
         self._clear_m: Final = mission.separation.hard_m

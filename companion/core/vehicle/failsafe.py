@@ -578,8 +578,8 @@ ROWS: tuple[Row, ...] = (
         Clear.GONE,
         Severity.WARNING,
         "searching for lost peers{}",
-        until="they are heard again; with the majority, {limit_s} s are over; without it, the leader has been "
-        "everywhere and holds",
+        until="they are heard again; with the majority, {limit_s} s are over (60 s in layers of height); without it, "
+        "the leader has been everywhere and holds",
         delay_s=1.0,  # a shadow that passes, and the election, take no longer
         limit_s=10.0,  # longer, one that is lost is dead or far behind
         detail=lambda r: r.search,
