@@ -3,7 +3,8 @@
 `python -m tests.bench bad-radio KIND`. Kinds: `open`, mission/examples/lone_tree.toml, where one to three of eight are
 cut off for 28 s at a drawn time in transit; `wood`, natural_stand.toml with 12 vehicles at 200 trees/ha that cut the
 radio, and 40 % loss; `late`, the same with 8 vehicles at 400 trees/ha that attenuate it, 40 % loss and 0.2 s of delay;
-`lossy`, lone_tree.toml with `--loss`. Another checkout flies the same by its own law: start the same command there.
+`denied`, as late, where only the leader has satellites; `lossy`, lone_tree.toml with `--loss`. Another checkout flies
+the same by its own law: start the same command there.
 """
 
 from __future__ import annotations
@@ -35,8 +36,10 @@ EXAMPLES = Path(mission.__file__).parent / "examples"
 CUT_S = 28.0
 CUT_AT_S = (3.0, 35.0)  # in transit
 LOSS = 0.4
+SECTORS = "sectors"
 TEXTS = frozenset({dialect.MAVLINK_MSG_ID_STATUSTEXT})
-KINDS = ("open", "wood", "late", "lossy")
+KINDS = ("open", "wood", "late", "denied", "lossy")
+START_APART_M = 8.0  # on two rows of the ground, where not all have satellites
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +57,19 @@ class Flown:
     said: dict[str, int]  # texts without their numbers
 
 
-def mission_of(kind: str, seed: int, loss: float) -> Mission:
+@dataclass(frozen=True, slots=True)
+class Course:
+    """What is the same in all flights of a run."""
+
+    kind: str
+    loss: float
+    estimates: str
+    sensor: str
+
+
+def mission_of(course: Course, seed: int) -> Mission:
     """The mission of one flight."""
+    kind = course.kind
     drawn = np.random.default_rng(seed)
     is_open = kind in ("open", "lossy")
     example = "lone_tree" if is_open else "natural_stand"
@@ -68,13 +82,20 @@ def mission_of(kind: str, seed: int, loss: float) -> Mission:
         at_s = round(float(drawn.uniform(*CUT_AT_S)), 1)
         sim["faults"] = [{"kind": "partition", "vehicles": cut_off, "phase": "transit", "at_s": at_s, "for_s": CUT_S}]
     else:
-        sim["radio_loss"] = loss
+        sim["radio_loss"] = course.loss
     if kind == "wood":
         flown["swarm"]["size"] = 12
         flown["forest"]["stand"]["density_per_ha"] = 200.0
         sim["radio_trunks"] = "cut"
-    if kind == "late":
+    if kind in ("late", "denied"):
         sim["radio_delay_s"] = 0.2
+    if kind == "denied":
+        flown["swarm"] |= {"gnss": "leader", "leader_priority": [1]}
+        rows = [(-START_APART_M * (k // 2), START_APART_M * (k % 2), 0.0) for k in range(flown["swarm"]["size"])]
+        flown["ranging"] = {"start_enu_m": rows}
+    sim["estimates"] = course.estimates
+    if course.sensor != SECTORS and not is_open:
+        flown["sensing"] |= {"sensor": course.sensor, "range_m": 12.0}
     return validated(Mission, flown, kind).with_origin(DEFAULT_ORIGIN)
 
 
@@ -100,9 +121,9 @@ class Listener:
             self._silent[vehicle] = silent
 
 
-def fly_one(seed: int, *, kind: str, loss: float) -> Flown:
+def fly_one(seed: int, course: Course) -> Flown:
     """Flies one."""
-    flown, listener = mission_of(kind, seed, loss), Listener()
+    flown, listener = mission_of(course, seed), Listener()
     with Progress(io.StringIO()) as progress:
         outcome = fly.fly(flown, None, progress, in_process=True, watch=listener.watch)
     metrics, minutes = outcome.metrics, outcome.metrics.sim_time_s / 60.0 * flown.swarm.size
@@ -126,12 +147,15 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--flights", type=int, default=20, metavar="N", help="(20)")
     parser.add_argument("--first-seed", type=int, default=3000, metavar="S", help="(3000)")
     parser.add_argument("--loss", type=float, default=LOSS, metavar="SHARE", help=f"of beacons, not of open ({LOSS})")
+    parser.add_argument("--estimates", default="exact", metavar="KIND", help="sim.estimates (exact)")
+    parser.add_argument("--sensor", default=SECTORS, metavar="CLASS", help=f"not in the open ({SECTORS})")
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="flights at once (2)")
     args = parser.parse_args(argv)
+    course = Course(args.kind, args.loss, args.estimates, args.sensor)
     seeds = range(args.first_seed, args.first_seed + args.flights)
     flown = []
     with ProcessPoolExecutor(args.jobs) as pool:
-        for row in pool.map(partial(fly_one, kind=args.kind, loss=args.loss), seeds):
+        for row in pool.map(partial(fly_one, course=course), seeds):
             print(row, flush=True)
             flown.append(row)
     grades = ", ".join(f"{count} {grade}" for grade, count in sorted(Counter(row.grade for row in flown).items()))
