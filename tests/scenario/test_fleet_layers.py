@@ -7,7 +7,7 @@ import math
 import pytest
 
 from companion.core.model.states import FlightState, Order
-from companion.core.swarm.partition import LAYER_AFTER_S, REJOINED_S, STANDS_S, WAIT_IN_LAYERS_S
+from companion.core.swarm.partition import LAYER_AFTER_S, REJOINED_S, STANDS_S, TURN_S, TURNS, WAIT_IN_LAYERS_S
 from mission.document.height_layers import SAME_HEIGHT_M
 from tests.unit.core.core_fleet import Fleet
 from tests.unit.core.core_kit import mission
@@ -82,7 +82,7 @@ def test_two_parts_that_hear_nobody_pass_each_other_in_different_layers() -> Non
     """Of four, halves: none has the majority, and each leaves the mission's height by its leader's id."""
     swarm = on_the_way(4)
     swarm.apart |= {1, 2}
-    assert least_level_m(swarm, STANDS_S + 20.0) >= 4.5
+    assert least_level_m(swarm, STANDS_S + TURN_S * TURNS + 10.0) >= 4.5
     one, other = (heights_m(swarm, part) for part in ({1, 2}, {3, 4}))
     assert max(*one, *other) <= BELOW_M + HELD_M
     assert all(swarm.aircraft[k].state is FlightState.SEEKING for k in swarm.aircraft)

@@ -124,8 +124,10 @@ class SensingPlanner(LocalPlanner):
         level_mps = math.hypot(desired[0], desired[1])
         haste = max(GUSTS_LEAST, HASTE - around.disturbance.change_mps)
         most_mps = haste * self._cruise_mps
-        searches = now.state is FlightState.SEEKING  # for them: to be late where they wait would lose them
-        if not (self._has_layers or searches) and is_anyone_unheard(around.hovering.values()):
+        searches = now.state is FlightState.SEEKING
+        # In one height who looks for others is as fast as ever: to be late where they wait would lose them. In layers
+        # they wait for long, and another part that looks for others may be in this one.
+        if searches if self._has_layers else not searches and is_anyone_unheard(around.hovering.values()):
             most_mps = min(most_mps, UNHEARD_MPS)
         if level_mps > most_mps:
             desired = (desired[0] * most_mps / level_mps, desired[1] * most_mps / level_mps, desired[2])

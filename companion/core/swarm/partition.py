@@ -44,8 +44,11 @@ WAIT_OPEN_S: Final = 40.0
 WAIT_IN_LAYERS_S: Final = 60.0
 # Without the majority, where there are layers, until a part looks for the others. Several parts may share a layer, and
 # those with the majority come back to where it is: who stands is where the others take it to be. Shorter than the
-# majority waits: it is found where it was heard last.
+# majority waits: it is found where it was heard last. By its leader's id one part has its turn later than another:
+# where a cut leaves no majority all lose it at once, and would set out towards one another.
 STANDS_S: Final = 50.0
+TURN_S: Final = 12.0  # to come to where the others were heard last
+TURNS: Final = 3
 NO_NEIGHBOUR: Final = failsafe_engine.row(Cause.NO_NEIGHBOUR)
 NO_MAJORITY_LONG: Final = failsafe_engine.row(Cause.NO_MAJORITY_LONG)
 
@@ -239,7 +242,7 @@ class SearchingPartition(NetworkPartition):
             missing, lost_s = _bits(self.waits_for), self._timer.waited_s(now_s)
         else:
             lost_s = self.partitioned_s(now_s)
-            if lost_s < self._hold_s:
+            if lost_s < self._hold_s(lease.leader):
                 lost_s = 0.0
             if phase is not SwarmPhase.COVERAGE:
                 heard_at = contacts.heard_last(missing)
@@ -247,10 +250,11 @@ class SearchingPartition(NetworkPartition):
         beyond = 0 if phase is SwarmPhase.COVERAGE else BEYOND if lease.quorum else FAR_BEYOND
         search.update(now_s, pos, lost_s=lost_s, lost=missing, heard_at=heard_at, ahead=outside, beyond=beyond)
 
-    @property
-    def _hold_s(self) -> float:
-        """For how long a part without the majority stands before it looks for the others."""
-        return self.recovery.hold_s if len(self._layers) == 1 else STANDS_S
+    def _hold_s(self, leader: int) -> float:
+        """For how long a part without the majority, which `leader` leads, stands before it looks for the others."""
+        if len(self._layers) == 1:
+            return self.recovery.hold_s
+        return STANDS_S + TURN_S * choose_turn(self._layers, leader)
 
     def _at_mission_height(self, pos_ned_m: Vec3) -> Vec3:
         """Positions of a search are those of the mission's height: its layer is not on the way to anything."""
@@ -258,7 +262,7 @@ class SearchingPartition(NetworkPartition):
 
     def _describe_search(self, lease: Lease | None, now_s: float, *, role: Role) -> str:
         led = role not in CLAIMS and lease is not None and lease.established and not lease.quorum
-        if lease is not None and led and self.partitioned_s(now_s) >= self._hold_s:
+        if lease is not None and led and self.partitioned_s(now_s) >= self._hold_s(lease.leader):
             return f", following {lease.leader}"
         return "" if self.recovery.goal is None else f": {self.recovery.stage.value}"
 
@@ -266,6 +270,11 @@ class SearchingPartition(NetworkPartition):
 def choose_layer(layers: Sequence[float], leader: int) -> float:
     """The layer of a part without the majority, which `leader` leads: any but the mission's own, `layers[0]`."""
     return layers[1 + leader % (len(layers) - 1)]
+
+
+def choose_turn(layers: Sequence[float], leader: int) -> int:
+    """The turn, 0 to TURNS - 1, in which it looks for the others: parts that share a layer have different ones."""
+    return leader // (len(layers) - 1) % TURNS
 
 
 def build_partition(mission: Mission) -> NetworkPartition:

@@ -51,10 +51,11 @@ def flown(
     sensing: dict[str, Any] | None = None,
     neighbours: Sequence[Neighbour] = (),
     standing: Mapping[int, PeerReport] | None = None,
+    layers: bool = False,
     **changes: Any,
 ) -> Steered:
     """A leader bound east that stays where it is while it steers, and flies as it is told from `vel` on."""
-    steered = Steered(mission(sensing=sensing or {}), 1)
+    steered = Steered(mission(sensing=sensing or {}, separation={"height_layers": layers}), 1)
     steered.setpoint_ned_mps = vel
     for k in range(ticks):
         own = Position(at, vel)
@@ -117,6 +118,13 @@ def test_who_misses_one_that_may_be_on_its_way_flies_no_faster_than_two_see_one_
     silent = PeerReport(3, (25.0, -20.0, 0.0), age_s, silent=True)
     speed_mps = flown(standing={3: silent}, ticks=40).setpoint_ned_mps[1]
     assert (speed_mps <= UNHEARD_MPS + 1e-6) is is_slower
+
+
+@pytest.mark.parametrize("state", [FlightState.TRANSIT, FlightState.SEEKING])
+def test_who_looks_for_others_in_a_layer_flies_no_faster_than_two_see_one_another(state: FlightState) -> None:
+    """Another part without the majority may look for others there, too."""
+    speed_mps = flown(layers=True, state=state, ticks=40).setpoint_ned_mps[1]
+    assert (speed_mps <= UNHEARD_MPS + 1e-6) is (state is FlightState.SEEKING)
 
 
 @pytest.mark.parametrize("away_m", [5.8, 6.5, 7.2, 7.9])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -13,7 +14,7 @@ from companion.core.model.beacon import PeerReport
 from companion.core.model.events import Position
 from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.model.vectors import ZERO, norm, sub
-from companion.core.swarm.partition import LEAVES_S, STANDS_S, build_partition
+from companion.core.swarm.partition import LEAVES_S, STANDS_S, TURN_S, TURNS, build_partition, choose_layer, choose_turn
 from companion.core.swarm.partition_recovery import BEYOND, FAR_BEYOND, LOST_S, REACHED_M, Stage
 from companion.core.swarm.roster import Roster
 from companion.core.vehicle import failsafe_engine
@@ -303,5 +304,16 @@ def test_where_there_are_layers_a_part_stands_before_it_looks_for_the_others() -
 
 def test_followers_of_a_part_that_stands_stand_too() -> None:
     layers = {"separation": {"height_layers": True}}
-    assert found_by_follower(STANDS_S - 1.0, **layers) == {Cause.NO_MAJORITY}
-    assert Cause.OTHERS_LOST in found_by_follower(STANDS_S + 0.2, **layers)
+    stands_s = STANDS_S + TURN_S  # that of a part which vehicle 2 leads, of three layers
+    assert found_by_follower(stands_s - 1.0, **layers) == {Cause.NO_MAJORITY}
+    assert Cause.OTHERS_LOST in found_by_follower(stands_s + 0.2, **layers)
+
+
+@pytest.mark.parametrize("layers_m", [(8.0, 6.0), (8.0, 6.0, 4.0)])
+def test_parts_that_share_a_layer_look_for_the_others_one_after_the_other(layers_m: tuple[float, ...]) -> None:
+    """All lose the majority at once where a cut leaves none: two set out towards one another, and met at 3.91 m."""
+    turns: dict[float, list[int]] = {}
+    for leader in range(1, 13):
+        turns.setdefault(choose_layer(layers_m, leader), []).append(choose_turn(layers_m, leader))
+    assert all(set(its) == set(range(TURNS)) for its in turns.values())
+    assert all(one != following for its in turns.values() for one, following in pairwise(its))
