@@ -126,6 +126,17 @@ def test_other_seeds_are_refused(wrong: str) -> None:
         seeds(wrong)
 
 
+@pytest.mark.parametrize(
+    ("name", "option"),
+    [("encounters", "--runs"), ("own-motion", "--runs"), ("layers", "--flights"), ("trunks", "--jobs")],
+)
+def test_a_bench_of_nothing_is_refused(name: str, option: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([name, option, "0"])
+    assert ended.value.code == 2
+    assert f"{option}: '0': must be a whole number of at least 1" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_each_flight_of_the_hashes_is_a_mission(name: str) -> None:
     flies = hashes.mission(name, 4)
