@@ -97,6 +97,7 @@ class Sensor:
     from_north: bool = False
     refused: int = 0  # messages whose content makes no sense, or shows nothing
     layers_deg: tuple[float, ...] = ()  # above level, of a lidar whose rays are told
+    step_deg: float = 0.0  # from ray to ray, the widest, of such a lidar
 
     @property
     def text(self) -> str:
@@ -107,6 +108,7 @@ class Sensor:
             f"longest gap {self.gap_s:.2f} s",
             f"{self.min_m:g} to {self.max_m:g} m" if self.max_m else "",
             f"{len(self.seen) * 360 // BEARINGS} deg from {start}" if self.max_m else "",
+            f"rays {self.step_deg:g} deg apart" if self.step_deg else "",
             f"{len(self.layers_deg)} layers, {self.layers_deg[0]:g} to {self.layers_deg[-1]:g} deg up"
             if len(self.layers_deg) > 1
             else "",

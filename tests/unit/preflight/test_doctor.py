@@ -165,7 +165,7 @@ def test_lidar_is_told_with_what_it_sees(hear: Any) -> None:
     hear(b"".join(turn))
     check = next(doctor.sensor_link("lidar", UDP_IN))
     assert check.verdict is Verdict.PASS
-    assert "0.2 to 12 m, 360 deg from ahead, 2 layers, -7 to 52 deg up" in check.found
+    assert "0.2 to 12 m, 360 deg from ahead, rays 1 deg apart, 2 layers, -7 to 52 deg up" in check.found
     hear(lidar_kit.frame(bearing_step_deg=0.0))
     check = next(doctor.sensor_link("lidar", UDP_IN))
     assert (check.verdict, check.fix) == (Verdict.FAIL, LidarTally.FIX_NONSENSE)
