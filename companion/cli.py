@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from companion import help_texts
 from companion.journal.options import add_black_box_option, add_replay_command
 from companion.keys.options import add_key_commands
-from companion.lidar.options import BAND_M, MODEL_NAMES, RAW_NAMES, parse_band, parse_mask
+from companion.lidar.options import MODEL_NAMES, RAW_NAMES, parse_band, parse_mask
 from companion.order.options import add_order_commands
 from companion.radio_options import add_base_keys, add_preflight_keys, add_run_keys
 from companion.sensor_options import add_sensor_options
@@ -227,7 +227,7 @@ def _add_lidar(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         type=_checked(parse_band),
         metavar="LOW..HIGH",
         help="of a mid360's sectors: heights above it that count as obstacles, in the vehicle's own frame "
-        f"(default: {BAND_M[0]:g}..{BAND_M[1]:g})",
+        "(default: -0.5..0.5)",
     )
     lidar.add_argument(
         "--configure",

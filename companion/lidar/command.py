@@ -18,12 +18,12 @@ from companion.lidar.driver import Driver, Return
 from companion.lidar.livox import COMMAND_PORT, Mid360
 from companion.lidar.models import MODELS
 from companion.lidar.mounting import Mounting
-from companion.lidar.options import BAND_M
 from companion.lidar.rays import RayScan
 from companion.lidar.sectors import Limits, SectorScan, obstacle_distance
-from companion.lidar.walk_around import WalkAround, describe_view
+from companion.lidar.walk_around import WalkAround
 from companion.mavlink.framing import wire
 from companion.mavlink.lidar_scan import LIDAR_SCAN_ID
+from companion.sensors.view import BAND_M, describe_view
 from companion.shell.links import Link, LinkError, open_link, resolved
 from companion.shell.urls import Scheme, Url, UrlError, is_ipv4, parse_url
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT

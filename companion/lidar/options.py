@@ -9,7 +9,6 @@ from companion.lidar.mounting import SECTOR_DEG, SECTORS, sector_at
 from mission.schema.kinds import RAW_LIDARS
 
 MODEL_NAMES: Final = ("rplidar-a", "rplidar-s", "ld06", "ld19", "mid360")  # of `models.MODELS`
-BAND_M: Final = (-0.5, 0.5)  # of --band-m, left out
 RAW_NAMES: Final = tuple(sensor.value for sensor in RAW_LIDARS)
 _NUMBER: Final = r"(-?\d{1,3}(?:\.\d{1,3})?)"
 _INTERVAL: Final = re.compile(rf"{_NUMBER}\.\.{_NUMBER}", re.ASCII)

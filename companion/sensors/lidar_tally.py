@@ -10,6 +10,7 @@ from companion.core.perception.obstacle_map import at_bearing
 from companion.mavlink.lidar_scan import decode_lidar_scan
 from companion.mavlink.sensor_source import Finding
 from companion.sensors.obstacle_sensor import ScanTally, Sensor
+from companion.sensors.view import View
 from mission.document.model import Sensing
 from mission.schema.kinds import RAW_LIDARS
 
@@ -43,6 +44,12 @@ class LidarTally(ScanTally):
         if len(layers_deg) < LAYERS_MAX:
             layers_deg.add(round(piece.elevation_deg, 1))
         self._steps_deg[who] = max(self._steps_deg.get(who, 0.0), round(abs(piece.bearing_step_deg), 3))
+        self._views.setdefault(who, View()).note_rays(
+            piece.ranges_m,
+            first_deg=piece.first_bearing_deg,
+            step_deg=piece.bearing_step_deg,
+            elevation_deg=piece.elevation_deg,
+        )
         seen = self._seen.setdefault(who, set())
         for k, range_m in enumerate(piece.ranges_m):
             if not math.isnan(range_m):
