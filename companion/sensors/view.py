@@ -10,10 +10,8 @@ from companion.core.perception.obstacle_map import BEARINGS, at_bearing
 from companion.sensors.scans import UNKNOWN_CM
 
 DIRECTIONS: Final = ("front", "front right", "right", "rear right", "rear", "rear left", "left", "front left")
-BAND_M: Final = (
-    -0.5,
-    0.5,
-)  # heights above the sensor that count, in the vehicle's own frame: as `companion lidar` has it
+# Heights above the sensor that count, in the vehicle's own frame: as `companion lidar` has it
+BAND_M: Final = (-0.5, 0.5)
 
 
 class View:
