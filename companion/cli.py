@@ -225,7 +225,6 @@ def _add_lidar(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     lidar.add_argument(
         "--band-m",
         type=_checked(parse_band),
-        default=(-0.5, 0.5),
         metavar="LOW..HIGH",
         help="of a mid360's sectors: heights above it that count as obstacles, in the vehicle's own frame "
         "(default: -0.5..0.5)",

@@ -302,6 +302,8 @@ def sensor_link(name: str, url: Url) -> Iterator[Check]:
             check = check_of(other, tally.describe(window.ended_s))
             heard = f"{check.found} (system/component)" if check.verdict is Verdict.PASS else check.found
             yield check.model_copy(update={"found": heard})
+            if view := tally.describe_view():
+                yield _good(f"{other} view", view, "nearest, m, as it stands there; -: nothing, ?: unknown")
     if window.tallies[name].is_empty:
         found, fix = f"silence for {LISTEN_S:g} s", "is the driver running? Does it send there?"
         if window.byte_count:
@@ -347,12 +349,8 @@ def governor() -> Check:
     except OSError:
         return _doubt("governor", "unknown", wanted, "")
     if found in SLOW_GOVERNORS:
-        return _doubt(
-            "governor",
-            found,
-            wanted,
-            "echo performance | sudo tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor",
-        )
+        fix = "echo performance | sudo tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor"
+        return _doubt("governor", found, wanted, fix)
     return _good("governor", printable(found), wanted)
 
 

@@ -240,7 +240,7 @@ class Agent:
             lease_freshness=swarm.lease_freshness(),
             goal=swarm.goal() if swarm.election.role is Role.LEADER else None,
             size=swarm.roster.flown.bit_count(),
-            layer_m=swarm.partition.update_layer(picture, lease),
+            layer_m=swarm.update_layer(picture, lease),
             state=flight.state,
             cause=flight.cause,
             steers=flight.steers,

@@ -20,9 +20,10 @@ from companion.lidar.models import MODELS
 from companion.lidar.mounting import Mounting
 from companion.lidar.rays import RayScan
 from companion.lidar.sectors import Limits, SectorScan, obstacle_distance
-from companion.lidar.walk_around import WalkAround, describe_view
+from companion.lidar.walk_around import WalkAround
 from companion.mavlink.framing import wire
 from companion.mavlink.lidar_scan import LIDAR_SCAN_ID
+from companion.sensors.view import BAND_M, describe_view
 from companion.shell.links import Link, LinkError, open_link, resolved
 from companion.shell.urls import Scheme, Url, UrlError, is_ipv4, parse_url
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
@@ -38,6 +39,7 @@ FRESH_MAX: Final = 128
 SILENT_S: Final = 2.0  # without a scan; the motor of one that begins takes as long
 PATIENCE_S: Final = 10.0  # of a check
 VIEW_S: Final = 1.0
+ANSWERED: Final = 2  # that nobody listens to the one is told when the next is sent
 
 
 def read_lidar(arguments: argparse.Namespace) -> int:
@@ -176,17 +178,38 @@ def _forward(
     out = open_link(arguments.to)
     opened.callback(out.close)
     stop = opened.enter_context(Stop())
-    due_s, errors, was_heard = time.monotonic(), 0, True
+    refusals = Refusals(arguments.to)
+    due_s, sent = time.monotonic(), 0
     while not stop.asked:
         for told in reader.read_scans():
             out.send(frame(told))
+            sent += 1
         if time.monotonic() >= due_s:
             due_s = time.monotonic() + SILENT_S
-            is_heard = out.errors == errors
-            if is_heard is not was_heard:
-                log_line(f"{arguments.to} is listened to" if is_heard else f"nobody listens at {arguments.to}")
-            errors, was_heard = out.errors, is_heard
+            change = refusals.update(sent, out.errors)
+            if change:
+                log_line(change)
     reader.stop_lidar()
+
+
+class Refusals:
+    """Says when what is sent begins to be refused, and when it ceases: UDP tells no more of who listens."""
+
+    def __init__(self, to: Url) -> None:
+        self._to = to
+        self._sent = self._errors = 0
+        self._refused = False
+
+    def update(self, sent: int, errors: int) -> str:
+        """A line that follows from the counts until now, or ""; of a while in which nothing is sent nothing does."""
+        is_refused = errors > self._errors
+        if not is_refused and sent < self._sent + ANSWERED:
+            return ""
+        self._sent, self._errors = sent, errors
+        if is_refused is self._refused:
+            return ""
+        self._refused = is_refused
+        return f"nobody listens at {self._to}" if is_refused else f"scans to {self._to} are refused no more"
 
 
 def _check(arguments: argparse.Namespace, limits: Limits, mounting: Mounting, opened: ExitStack) -> int:
@@ -233,9 +256,22 @@ def _usage_problem(arguments: argparse.Namespace) -> str:
         return f"--range-m {arguments.range_m:g}: must be above {limits.min_m:g}, and at most {limits.max_m:g}"
     if arguments.raw is not None and (arguments.raw == SensorClass.MULTI_LAYER) is not is_mid360:
         return f"--raw {arguments.raw}: a mid360 is multi-layer, and no other is"
+    if arguments.band_m is not None and not is_mid360:
+        return f"--band-m: is for a mid360; a {arguments.model} measures in one plane"
+    return _configure_problem(arguments)
+
+
+def _configure_problem(arguments: argparse.Namespace) -> str:
+    """As `_usage_problem`: of --configure."""
     if arguments.configure is not None:
-        if not is_mid360:
+        if arguments.model != "mid360":
             return f"--configure {printable(arguments.configure)}: is for a mid360"
+        try:
+            address = _command_url(arguments.configure).place
+        except UrlError:
+            address = ""
+        if not is_ipv4(address):
+            return f"--configure {printable(arguments.configure)}: must be the lidar's ADDRESS[:PORT], as 192.168.1.112"
         if not is_ipv4(arguments.lidar.place) or arguments.lidar.place == "0.0.0.0":
             return (
                 f"--lidar {arguments.lidar}: with --configure, this computer's own IPv4 address on the lidar's network"
@@ -247,7 +283,8 @@ def _limits(arguments: argparse.Namespace) -> Limits:
     limits = MODELS[arguments.model].limits
     if arguments.range_m is not None:
         limits = dataclasses.replace(limits, max_m=arguments.range_m)
-    return dataclasses.replace(limits, band_m=arguments.band_m)
+    # What is measured in one plane is all in the band
+    return dataclasses.replace(limits, band_m=arguments.band_m or BAND_M) if arguments.model == "mid360" else limits
 
 
 def _open_reader(arguments: argparse.Namespace, scan: Collector[Told], opened: ExitStack) -> Reader[Told]:
@@ -258,12 +295,16 @@ def _open_reader(arguments: argparse.Namespace, scan: Collector[Told], opened: E
     opened.callback(link.close)
     driver, control = MODELS[arguments.model].make(), None
     if arguments.configure is not None:
-        address = arguments.configure
-        address = address if ":" in address else f"{address}:{COMMAND_PORT}"
-        control = open_link(parse_url(f"udpout://{address}", frozenset({Scheme.UDP_OUT})))
+        control = open_link(_command_url(arguments.configure))
         opened.callback(control.close)
         driver = Mid360(resolved(url))
     return Reader(url, link, driver, scan, control)
+
+
+def _command_url(address: str) -> Url:
+    """Of a Mid-360's command port, by `ADDRESS[:PORT]`. UrlError."""
+    address = address if ":" in address else f"{address}:{COMMAND_PORT}"
+    return parse_url(f"udpout://{address}", frozenset({Scheme.UDP_OUT}))
 
 
 def _refused(code: int, why: str) -> int:

@@ -12,7 +12,6 @@ from typing import Final
 
 from companion.lidar.mounting import SECTOR_DEG, SECTORS
 
-VIEW: Final = ("front", "front right", "right", "rear right", "rear", "rear left", "left", "front left")
 PLACES: Final = (("in front of", 0.0), ("to the right of", 90.0), ("behind", 180.0), ("to the left of", 270.0))
 BASELINE_SCANS: Final = 20  # of what stands there anyway: some 2 s
 STEADY_SCANS: Final = 15
@@ -106,17 +105,6 @@ class WalkAround:
             flag = "without --upside-down" if self._upside_down else "--upside-down"
             return f"FAIL: left and right are swapped; try {flag}, --yaw-deg {_option_deg(yaw_deg)}"
         return "FAIL: these bearings fit no mounting. Did anything else move? Check again, with nobody else about"
-
-
-def describe_view(scan_cm: Sequence[int], max_cm: int) -> str:
-    """The nearest of each of eight directions, m; `-`: nothing there, `?`: unknown in all of it."""
-    words = []
-    for k, name in enumerate(VIEW):
-        part = [scan_cm[(9 * k + at) % SECTORS] for at in range(-4, 5)]
-        nearest_cm = min(part)
-        text = f"{nearest_cm / 100:.1f}" if nearest_cm <= max_cm else "-" if nearest_cm == max_cm + 1 else "?"
-        words.append(f"{name} {text}")
-    return "  ".join(words)
 
 
 def mean_deg(bearings_deg: Iterable[float]) -> float:

@@ -131,6 +131,10 @@ class SensorTally(ABC):
     def describe(self, ended_s: float) -> Finding:
         """The row of a doctor, who knows no mission. Asked only where something was heard."""
 
+    def describe_view(self) -> str:
+        """Surroundings in words, for a second row of the doctor; empty: a sensor that sees none."""
+        return ""
+
     @property
     def is_empty(self) -> bool:
         """Nothing was heard."""

@@ -1,4 +1,4 @@
-"""Tally of SWARM_LIDAR_SCAN for preflight and doctor: turns, ranges, bearings and layers."""
+"""Tally of SWARM_LIDAR_SCAN for preflight and doctor: turns, ranges, bearings, steps and layers."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ from companion.core.perception.obstacle_map import at_bearing
 from companion.mavlink.lidar_scan import decode_lidar_scan
 from companion.mavlink.sensor_source import Finding
 from companion.sensors.obstacle_sensor import ScanTally, Sensor
+from companion.sensors.view import View
 from mission.document.model import Sensing
 from mission.schema.kinds import RAW_LIDARS
 
 LAYERS_MAX: Final = 128  # of one lidar, that are told apart
 LAYERS_MIN_SHARE: Final = 0.8  # of the mission's
+STEP_MAX_SHARE: Final = 1.1  # of the mission's: a lidar may turn a little faster than it is to
 TURNED_DEG: Final = 20.0  # by so much the layers' ends differ where a lidar hangs the other way up
 
 
@@ -29,6 +31,7 @@ class LidarTally(ScanTally):
         super().__init__(began_s)
         self._turns: dict[tuple[int, int], int] = {}
         self._layers_deg: dict[tuple[int, int], set[float]] = {}
+        self._steps_deg: dict[tuple[int, int], float] = {}
 
     def note_message(self, m: Any, who: tuple[int, int], _now_s: float) -> bool:
         """One SWARM_LIDAR_SCAN; True for the first of a turn."""
@@ -40,6 +43,13 @@ class LidarTally(ScanTally):
         layers_deg = self._layers_deg.setdefault(who, set())
         if len(layers_deg) < LAYERS_MAX:
             layers_deg.add(round(piece.elevation_deg, 1))
+        self._steps_deg[who] = max(self._steps_deg.get(who, 0.0), round(abs(piece.bearing_step_deg), 3))
+        self._views.setdefault(who, View()).note_rays(
+            piece.ranges_m,
+            first_deg=piece.first_bearing_deg,
+            step_deg=piece.bearing_step_deg,
+            elevation_deg=piece.elevation_deg,
+        )
         seen = self._seen.setdefault(who, set())
         for k, range_m in enumerate(piece.ranges_m):
             if not math.isnan(range_m):
@@ -49,25 +59,32 @@ class LidarTally(ScanTally):
         return is_new
 
     def sensors(self, ended_s: float) -> tuple[Sensor, ...]:
-        """All that were heard, with their layers."""
+        """All that were heard, with their layers and the step from ray to ray."""
         return tuple(
-            replace(sensor, layers_deg=tuple(sorted(self._layers_deg.get((sensor.system, sensor.component), ()))))
+            replace(
+                sensor,
+                layers_deg=tuple(sorted(self._layers_deg.get((sensor.system, sensor.component), ()))),
+                step_deg=self._steps_deg.get((sensor.system, sensor.component), 0.0),
+            )
             for sensor in super().sensors(ended_s)
         )
 
     def check_sensing(self, sensing: Sensing, vehicle_id: int, ended_s: float, where: str) -> Finding:
-        """As for sectors; besides, the layers that the mission's lidar has, the right way up."""
+        """As for sectors; besides, step and layers that the mission's lidar has, these the right way up."""
         finding = super().check_sensing(sensing, vehicle_id, ended_s, where)
-        layers_deg = [
-            deg for sensor in self.sensors(ended_s) if sensor.system == vehicle_id for deg in sensor.layers_deg
-        ]
+        own = [sensor for sensor in self.sensors(ended_s) if sensor.system == vehicle_id]
+        layers_deg = [deg for sensor in own for deg in sensor.layers_deg]
         lidar = RAW_LIDARS.get(sensing.sensor)
         if lidar is None or not layers_deg:
             return finding
         side = -1.0 if sensing.upside_down else 1.0
         wanted_deg = sorted(side * deg for deg in lidar.elevations_deg)
-        wanted = f"{finding.wanted}, {len(wanted_deg)} layers, {wanted_deg[0]:g} to {wanted_deg[-1]:g} deg up"
+        wanted = f"{finding.wanted}, rays {lidar.step_deg:g} deg apart"
+        if len(wanted_deg) > 1:
+            wanted += f", {len(wanted_deg)} layers, {wanted_deg[0]:g} to {wanted_deg[-1]:g} deg up"
         problems = {
+            "its rays are farther apart than those of sensing.sensor": max(sensor.step_deg for sensor in own)
+            > STEP_MAX_SHARE * lidar.step_deg,
             "fewer layers than sensing.sensor has": len(layers_deg) < LAYERS_MIN_SHARE * len(wanted_deg),
             "is it mounted as sensing.upside_down has it?": abs(max(layers_deg) - wanted_deg[-1]) > TURNED_DEG,
         }

@@ -12,6 +12,7 @@ from companion.core.perception.obstacle_map import BEARINGS, at_bearing
 from companion.mavlink import dialect
 from companion.mavlink.sensor_source import Finding, SensorSource, SensorTally
 from companion.sensors.scans import ATTITUDE_HZ, NORTH_ALIGNED, Scans, decoded
+from companion.sensors.view import View
 from mission.document.model import Mission, Sensing
 from mission.schema.kinds import SensorClass
 
@@ -97,6 +98,7 @@ class Sensor:
     from_north: bool = False
     refused: int = 0  # messages whose content makes no sense, or shows nothing
     layers_deg: tuple[float, ...] = ()  # above level, of a lidar whose rays are told
+    step_deg: float = 0.0  # from ray to ray, the widest, of such a lidar
 
     @property
     def text(self) -> str:
@@ -107,6 +109,7 @@ class Sensor:
             f"longest gap {self.gap_s:.2f} s",
             f"{self.min_m:g} to {self.max_m:g} m" if self.max_m else "",
             f"{len(self.seen) * 360 // BEARINGS} deg from {start}" if self.max_m else "",
+            f"rays {self.step_deg:g} deg apart" if self.step_deg else "",
             f"{len(self.layers_deg)} layers, {self.layers_deg[0]:g} to {self.layers_deg[-1]:g} deg up"
             if len(self.layers_deg) > 1
             else "",
@@ -130,6 +133,7 @@ class ScanTally(SensorTally):
         self._refused: dict[tuple[int, int], int] = {}
         self._last: dict[tuple[int, int], tuple[float, float, bool]] = {}  # least, greatest, from north
         self._seen: dict[tuple[int, int], set[int]] = {}
+        self._views: dict[tuple[int, int], View] = {}
 
     def note_message(self, m: Any, who: tuple[int, int], now_s: float) -> bool:
         """One OBSTACLE_DISTANCE."""
@@ -138,6 +142,9 @@ class ScanTally(SensorTally):
             self._refused[who] = self._refused.get(who, 0) + 1
             return False
         self._last[who] = scan.min_m, scan.max_m, m.frame in NORTH_ALIGNED
+        if not scan.from_north:
+            view = self._views.setdefault(who, View())
+            view.note_rays(scan.ranges_m, first_deg=scan.start_deg, step_deg=scan.step_deg)
         seen = self._seen.setdefault(who, set())
         for k, range_m in enumerate(scan.ranges_m):
             if not math.isnan(range_m):
@@ -186,6 +193,11 @@ class ScanTally(SensorTally):
             f"{self.MESSAGE} that makes sense",
             "" if makes_sense else self.FIX_NONSENSE,
         )
+
+    def describe_view(self) -> str:
+        """Nearest of eight directions, of each sensor that tells bearings from the nose."""
+        views = sorted(self._views.items())
+        return "; ".join(f"{system}/{component}: {view.describe()}" for (system, component), view in views)
 
 
 def _fixes(own: Sequence[Sensor], sensing: Sensing, window_s: float) -> str:

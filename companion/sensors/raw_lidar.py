@@ -26,8 +26,8 @@ class RawLidar(SensorSource):
     ABOUT = (
         "In a mission whose `sensing.sensor` tells raw scans: each lidar that is heard on a sensor's link has "
         f"{RATE_MIN_SHARE * 100:.0f} % of `sensing.rate_hz` turns or more and no gap above `sensing.stale_s`, sees as "
-        f"far as `sensing.range_m`, and has as many layers; together they see {VIEW_MIN_SHARE * 100:.0f} % of "
-        "`sensing.field_of_view_deg` or more."
+        "far as `sensing.range_m`, and has rays as close to one another and as many layers as its class; together they "
+        f"see {VIEW_MIN_SHARE * 100:.0f} % of `sensing.field_of_view_deg` or more."
     )
     UNUSED = (
         "has no [sensing] with raw scans (sensing.sensor), so nothing would fly by this lidar. Set the key in the "

@@ -14,9 +14,18 @@ from mission.common.problems import MissionError, Problem
 from mission.document import simulator
 from mission.document.airtime import find_short_batteries
 from mission.document.barometer import find_lacking_room
-from mission.document.height_layers import APART_M, LIMIT_M, list_layers
+from mission.document.height_layers import (
+    APART_M,
+    LIMIT_M,
+    find_room_m,
+    find_slope,
+    highest_ground_m,
+    list_layers,
+    spread_m,
+)
 from mission.document.load import Document, check_kind
 from mission.document.model import Mission
+from mission.rules.forest_rules import TAKEOFF_CLEAR_M
 from mission.rules.payload_rules import records_hz, records_max_hz
 from mission.rules.rise_rules import upward_view
 from mission.rules.survey_rules import cut_distances_m
@@ -112,10 +121,22 @@ def _layers(mission: Mission) -> Iterator[str]:
         heights = " and ".join(f"{height_m:.1f}" for height_m in others_m)
         yield f"{1 + len(others_m)} layers of height: the mission's, {own_m:g} m, and {heights} m"
     else:
-        yield (
-            "1 layer of height: separation.height_layers wants a level route and ring, and "
-            f"{APART_M + LIMIT_M:g} m to the fence's altitudes: parts that do not hear each other may meet"
-        )
+        yield f"1 layer of height, {_why_one_layer(mission)}: parts that do not hear each other may meet"
+
+
+def _why_one_layer(mission: Mission) -> str:
+    """Reason for which there is no second layer."""
+    slope = find_slope(mission)
+    if slope:
+        return f"as layers want a level route and ring, and {slope}"
+    low_m, high_m = find_room_m(mission)
+    limit = f"{LIMIT_M:g} m above fence.altitude_min_m"
+    if low_m > mission.fence.altitude_min_m + LIMIT_M:
+        ground_m = highest_ground_m(mission)
+        limit = f"{TAKEOFF_CLEAR_M:g} m above the ground, {ground_m:.1f} m up within {spread_m(mission):g} m of the way"
+    room = f"{low_m:.1f} m ({limit}) to {high_m:.1f} m ({LIMIT_M:g} m below fence.altitude_max_m)"
+    own_m = mission.route.d1_enu_m[2]
+    return f"as another would be {APART_M:g} m below or above the mission's, {own_m:g} m, and there is room from {room}"
 
 
 def _survey(mission: Mission) -> Iterator[str]:

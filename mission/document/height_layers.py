@@ -5,9 +5,11 @@ All heights are metres above the origin, as in the mission file.
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 from mission.document.model import CoverageShape, Mission
+from mission.rules.forest_rules import TAKEOFF_CLEAR_M, ground_up_m
 
 SAME_HEIGHT_M: Final = 1.5  # two whose heights differ by less are beside each other: a hull, and downwash
 APART_M: Final = 2.0  # between two layers: that, and what two heights held by range finders are off
@@ -20,13 +22,42 @@ def list_layers(mission: Mission) -> tuple[float, ...]:
 
     Only its own where the route or the coverage is not level, or `separation.height_layers` is off.
     """
-    heights_m = {mission.route.d1_enu_m[2]} | {visit.pos_enu_m[2] for visit in mission.visits}
     own_m = mission.route.d1_enu_m[2]
-    if not mission.separation.height_layers or len(heights_m) > 1 or mission.coverage.shape is not CoverageShape.RING:
+    if not mission.separation.height_layers or find_slope(mission):
         return (own_m,)
-    below = _split(own_m - LIMIT_M - mission.fence.altitude_min_m, LAYERS_MOST - 1)
-    above = _split(mission.fence.altitude_max_m - LIMIT_M - own_m, LAYERS_MOST - 1 - len(below))
+    low_m, high_m = find_room_m(mission)
+    below = _split(own_m - low_m, LAYERS_MOST - 1)
+    above = _split(high_m - own_m, LAYERS_MOST - 1 - len(below))
     return (own_m, *(own_m - apart_m for apart_m in below), *(own_m + apart_m for apart_m in above))
+
+
+def find_slope(mission: Mission) -> str:
+    """Key and value by which the route or the coverage is not level; empty: both are."""
+    if mission.coverage.shape is not CoverageShape.RING:
+        return f'coverage.shape = "{mission.coverage.shape.value}"'
+    own_m = mission.route.d1_enu_m[2]
+    for name, pos_enu_m in mission.named_places:
+        if pos_enu_m[2] != own_m:
+            return f"{name} is {pos_enu_m[2]:g} m up, d1 {own_m:g} m"
+    return ""
+
+
+def find_room_m(mission: Mission) -> tuple[float, float]:
+    """Lowest and highest height of a layer: inside the fence's altitudes, above the ground as d1 and d2 have to be."""
+    fence = mission.fence
+    low_m = max(fence.altitude_min_m + LIMIT_M, highest_ground_m(mission) + TAKEOFF_CLEAR_M)
+    return low_m, fence.altitude_max_m - LIMIT_M
+
+
+def highest_ground_m(mission: Mission) -> float:
+    """Highest ground along the way and about it, as wide as a ring or a line abreast."""
+    beside_m = spread_m(mission) * math.hypot(*mission.forest.grade)
+    return max([ground_up_m(mission, east_m, north_m) for east_m, north_m, _ in mission.way_enu_m]) + beside_m
+
+
+def spread_m(mission: Mission) -> float:
+    """Distance of a vehicle from the way: a ring's radius, or half of a line abreast on lanes."""
+    return max(mission.coverage.radius_m, mission.swath.spread_m / 2.0 if mission.lanes else 0.0)
 
 
 def _split(room_m: float, most: int) -> list[float]:

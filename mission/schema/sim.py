@@ -9,7 +9,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, WrapValidator
 
 from mission.schema.by_vehicle import FrozenTable, as_vehicle_id, each_id_once
 from mission.schema.faults import MAX_FAULTS, Fault, WindComponent
-from mission.schema.fields import MAX_VEHICLES, Integer, Number, Table, VehicleId
+from mission.schema.fields import MAX_VEHICLES, Boolean, Integer, Number, Table, VehicleId
 from mission.schema.kinds import Estimates as Estimates
 from mission.schema.kinds import Personality as Personality
 
@@ -230,7 +230,7 @@ class Sim(Table):
         Field(ge=0.0, le=2.0, description="Positions and velocities are this old; their time stamps say fresh."),
     ] = 0.0
     range_finder: Annotated[
-        bool,
+        Boolean,
         Field(
             description="Autopilots estimate their height by a downward range finder: over the ground, wrong by 0.1 m "
             "rms at most, the vertical velocity by 0.05 m/s, whatever `estimates` says. `separation.height_layers` "

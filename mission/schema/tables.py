@@ -17,7 +17,17 @@ from mission.common import plane
 from mission.common.frames import Vec3, Wgs84
 from mission.lanes.lay import Lane, Swath, lay_lanes
 from mission.lanes.spread import LineAbreast, line_abreast, swath_of
-from mission.schema.fields import COORDINATE_MAX_M, MAX_VEHICLES, Coordinate, Integer, Number, Table, Text, VehicleId
+from mission.schema.fields import (
+    COORDINATE_MAX_M,
+    MAX_VEHICLES,
+    Boolean,
+    Coordinate,
+    Integer,
+    Number,
+    Table,
+    Text,
+    VehicleId,
+)
 from mission.schema.forest import Forest
 from mission.schema.kinds import RAW_LIDARS, SensorClass
 from mission.schema.payload import PAYLOADS_MAX, Payload
@@ -330,7 +340,7 @@ class Separation(Table):
         ),
     ] = 10.0
     height_layers: Annotated[
-        bool,
+        Boolean,
         Field(
             description="Parts of the swarm that do not hear one another fly at different heights, where the fence has "
             "room for them. Needs a downward range finder on every vehicle: the preflight asks for it."
@@ -425,11 +435,11 @@ class Sensing(Table):
         ),
     ] = SensorClass.SECTORS
     upside_down: Annotated[
-        bool,
+        Boolean,
         Field(description="The multi-layer lidar hangs below the vehicle: its layers are between -52 and 7 degrees."),
     ] = False
     sends_odometry: Annotated[
-        bool,
+        Boolean,
         Field(
             description="The autopilot is told of the own motion by trunks (ODOMETRY), and flies on by it when it "
             "loses its GNSS fix. For vehicles with GNSS; PX4 must be set to use it (EKF2_EV_CTRL 4)."

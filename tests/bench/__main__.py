@@ -19,6 +19,7 @@ import numpy as np
 
 from companion.core.model.states import SwarmPhase
 from sim_bridge.judge.progress import Progress
+from sim_bridge.options.study import positive
 from tests.bench import (
     bad_radio,
     black_box,
@@ -115,13 +116,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     hard.add_argument(
         "--only", action="append", default=[], choices=ROBUSTNESS, metavar="KIND", help=f"of {', '.join(ROBUSTNESS)}"
     )
-    hard.add_argument("--seeds", type=_positive, metavar="N", help="seeds 1 to N (20; bias: 10)")
+    hard.add_argument("--seeds", type=positive, metavar="N", help="seeds 1 to N (20; bias: 10)")
     hard.add_argument(
-        "--n", type=_positive, action="append", default=[], metavar="N", help="vehicles (6 and 8), also of live"
+        "--n", type=positive, action="append", default=[], metavar="N", help="vehicles (6 and 8), also of live"
     )
-    hard.add_argument(
-        "--jobs", type=_positive, default=2, metavar="N", help="flights at once, and of safety-filter (2)"
-    )
+    hard.add_argument("--jobs", type=positive, default=2, metavar="N", help="flights at once, and of safety-filter (2)")
     args = parser.parse_args(argv)
     benchmarks = BENCHMARKS | {
         "speed": partial(speed.speed, args.beside and args.beside.resolve()),
@@ -165,12 +164,6 @@ def about() -> str:
     usual = [f"  {name:14} {ABOUT[name]}" for name in ABOUT if name in BENCHMARKS]
     named = [f"  {name:14} {ABOUT[name]}" for name in ABOUT if name not in BENCHMARKS]
     return "\n".join(("without a NAME all of these:", *usual, "", "only when named:", *named))
-
-
-def _positive(text: str) -> int:
-    if not (text.isascii() and text.isdecimal() and 1 <= int(text) <= 1000):
-        raise argparse.ArgumentTypeError(f"{text!r}: must be a number from 1 to 1000")
-    return int(text)
 
 
 def election() -> Iterator[Row]:

@@ -31,6 +31,7 @@ from mission.schema.trees import StandTree
 from mission.stand.stand import Stand, stand_of
 from sim_bridge.judge.metrics import CONTACT_M
 from sim_bridge.lab.plot_style import ALARM, FAINT, RC, colours
+from sim_bridge.options.study import positive
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.sensors.lidar import Lidar
 from sim_bridge.world.sensors.raw_lidar import RawLidar
@@ -194,14 +195,14 @@ def _with_trunks(stand: Stand, kind: str, middle: np.ndarray, one: np.ndarray, o
 def main(argv: Sequence[str]) -> int:
     """Prints a row for each kind of encounter and class of sensor."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench encounters", description=__doc__)
-    parser.add_argument("--runs", type=int, default=50, metavar="N", help="of each kind and class (50)")
+    parser.add_argument("--runs", type=positive, default=50, metavar="N", help="of each kind and class (50)")
     parser.add_argument("--first-seed", type=int, default=3000, metavar="S", help="(3000)")
     parser.add_argument("--density", type=float, default=200.0, metavar="TREES", help="per ha (200)")
     parser.add_argument("--speed", type=float, default=3.0, metavar="MPS", help="of each; one overtaken: a third (3)")
     classes = [sensor.value for sensor in SensorClass]
     parser.add_argument("--sensor", action="append", choices=classes, help="sensing.sensor (sectors, scan-1deg)")
     parser.add_argument("--plot", type=Path, metavar="FILE.png", help="nearest against known from, of each encounter")
-    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="at once (2)")
+    parser.add_argument("--jobs", type=positive, default=2, metavar="N", help="at once (2)")
     args = parser.parse_args(argv)
     all_met: dict[tuple[SensorClass, str], list[Met]] = {}
     print(

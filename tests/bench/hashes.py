@@ -1,6 +1,6 @@
 """Hashes of kinds of flights, to show that a change of the code has not changed what flies.
 
-`python -m tests.bench hashes --against tests/testdata/trace_hashes.txt` compares, `--write FILE` records. n = 8,
+`python -m tests.bench hashes --write FILE` records them before the change, `--against FILE` compares after it. n = 8,
 JSBSim, agents in process. Each flight has two hashes: `trace` is that of metrics.json (vehicles, and the bytes of every
 beacon); `motion` is of positions, velocities, arming, leaders and phases, and stays when only beacons look otherwise.
 Both depend on the machine's floating point: see the head of the recorded table.
@@ -29,7 +29,6 @@ from sim_bridge.judge.progress import Progress
 from sim_bridge.world.world import DEFAULT_ORIGIN
 
 EXAMPLES = Path("mission/examples")
-RECORDED = Path("tests/testdata/trace_hashes.txt")
 SIZE = 8
 MOTION = ("time_s", "pos_ned_m", "vel_ned_mps", "on_ground", "armed", "leader", "phase")  # of a Recording
 UNKNOWN = "-"
@@ -96,7 +95,7 @@ def table(lines: Iterable[Hashes]) -> str:
     libc = " ".join(platform.libc_ver()) or platform.system()
     versions = ", ".join(f"{name} {version(name)}" for name in ("jsbsim", "numpy"))
     head = f"""\
-# Hashes of flights, n = {SIZE}: python -m tests.bench hashes --write {RECORDED}
+# Hashes of flights, n = {SIZE}: python -m tests.bench hashes --write FILE
 # On {platform.machine()}, {libc}, Python {platform.python_version()}, {versions}.
 # Another processor or libm may round otherwise, and then has hashes of its own.
 {COLUMNS}
@@ -134,7 +133,7 @@ def difference(seen: Hashes, recorded: Hashes | None) -> str:
 def main(argv: Sequence[str]) -> int:
     """Exit code 1 when a flight differs from `--against`, or is not in it."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench hashes", description=__doc__)
-    parser.add_argument("--against", type=Path, metavar="FILE", help=f"compare with a table, such as {RECORDED}")
+    parser.add_argument("--against", type=Path, metavar="FILE", help="compare with a table")
     parser.add_argument("--write", type=Path, metavar="FILE", help="record the flights flown as a table")
     parser.add_argument("--seeds", type=seeds, default=range(1, 6), metavar="A-B", help="seeds A to B, or one (1-5)")
     parser.add_argument(

@@ -32,6 +32,7 @@ from sim_bridge.judge.metrics.graph import connectivity
 from sim_bridge.judge.metrics.pairs import look_at_pairs
 from sim_bridge.judge.run_folder import load_faults
 from sim_bridge.judge.tick import TOUCHED
+from sim_bridge.options.study import positive
 from sim_bridge.trunk_attenuation import range_share
 from tests.bench.table import spread
 
@@ -145,7 +146,7 @@ def fly_one(seed: int, course: Course, *, layers: bool) -> Flown:
 def main(argv: Sequence[str]) -> int:
     """Prints a row for each flight, then the sums."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench layers", description=__doc__)
-    parser.add_argument("--flights", type=int, default=20, metavar="N", help="with and without layers, each (20)")
+    parser.add_argument("--flights", type=positive, default=20, metavar="N", help="with and without layers, each (20)")
     parser.add_argument("--first-seed", type=int, default=3000, metavar="S", help="(3000)")
     parser.add_argument("--density", type=float, default=400.0, metavar="TREES", help="per ha (400)")
     parser.add_argument("--estimates", default="exact", metavar="KIND", help="sim.estimates (exact)")
@@ -154,7 +155,7 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--three-parts", action="store_true", help="two cuts of one to three each")
     parser.add_argument("--only-layers", action="store_true", help="not in one height as well")
     parser.add_argument("--rows", type=Path, metavar="FILE", help="keep each flight here, and fly only what it lacks")
-    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="flights at once (2)")
+    parser.add_argument("--jobs", type=positive, default=2, metavar="N", help="flights at once (2)")
     args = parser.parse_args(argv)
     course = Course(args.density, args.estimates, args.sensor, args.kill_leader, args.three_parts)
     seeds = range(args.first_seed, args.first_seed + args.flights)

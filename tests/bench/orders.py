@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from companion.core.model.states import Order
 from companion.keys.crypto import Verifier, public_key
 from companion.mavlink.orders.order import OrderKind, order_holds
+from sim_bridge.options.study import positive
 from tests.unit.mavlink.orders_kit import BOOTS, DIGEST, FLIGHT, OPERATOR_SEED, TICK_S, VEHICLE_SEED, Vehicle, frame
 from tests.unit.mavlink.orders_kit import order as make
 
@@ -205,9 +206,13 @@ def boots() -> dict[int, int]:
 def main(argv: Sequence[str]) -> int:
     """Prints tables; 1 when an order was obeyed that must not be, or a genuine one was not."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench orders", description=__doc__)
-    parser.add_argument("--count", type=int, default=1_000_000, metavar="N", help="frames of each kind (1,000,000)")
-    parser.add_argument("--floods", type=int, default=50, metavar="N", help="of each kind (50)")
-    parser.add_argument("--seeds", type=int, default=1000, metavar="N", help="spreads of each topology and loss (1000)")
+    parser.add_argument(
+        "--count", type=positive, default=1_000_000, metavar="N", help="frames of each kind (1,000,000)"
+    )
+    parser.add_argument("--floods", type=positive, default=50, metavar="N", help="of each kind (50)")
+    parser.add_argument(
+        "--seeds", type=positive, default=1000, metavar="N", help="spreads of each topology and loss (1000)"
+    )
     parser.add_argument("--first-seed", type=int, default=7000, metavar="S", help="(7000)")
     args = parser.parse_args(argv)
     failed = 0

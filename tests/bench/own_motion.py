@@ -20,6 +20,7 @@ from mission.document.model import Lidar as LidarErrors
 from mission.document.model import Mission
 from mission.schema.kinds import RAW_LIDARS, SensorClass
 from mission.stand.stand import Stand, stand_of
+from sim_bridge.options.study import positive
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot.estimates.errors import errors_of
 from sim_bridge.world.autopilot.estimates.noise import Swinging
@@ -206,7 +207,7 @@ def _turn(state: AirframeState) -> int:
 def main(argv: Sequence[str]) -> int:
     """Prints a row for each density and class."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench own-motion", description=__doc__)
-    parser.add_argument("--runs", type=int, default=10, metavar="N", help="of each density and class (10)")
+    parser.add_argument("--runs", type=positive, default=10, metavar="N", help="of each density and class (10)")
     parser.add_argument("--first-seed", type=int, default=2000, metavar="S", help="(2000)")
     parser.add_argument("--density", type=float, action="append", metavar="TREES", help="per ha (100, 200, 400)")
     parser.add_argument("--sensor", type=SensorClass, action="append", metavar="CLASS", help="(all)")

@@ -15,6 +15,7 @@ from functools import partial
 
 from companion.core.agent import TICK_S
 from companion.core.model.states import FlightState, Order
+from sim_bridge.options.study import positive
 from tests.unit.core.core_fleet import Fleet
 from tests.unit.core.core_kit import mission
 
@@ -64,11 +65,11 @@ def fly_one(seed: int, *, size: int, loss: float, is_chain: bool) -> Counted:
 def main(argv: Sequence[str]) -> int:
     """A row for each kind of swarm and share."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench quorum-losses", description=__doc__)
-    parser.add_argument("--flights", type=int, default=20, metavar="N", help="of each row (20)")
+    parser.add_argument("--flights", type=positive, default=20, metavar="N", help="of each row (20)")
     parser.add_argument("--losses", type=float, nargs="+", default=[0.3, 0.4, 0.5, 0.6], metavar="SHARE")
-    parser.add_argument("--sizes", type=int, nargs="+", default=[3, 4, 8], metavar="N")
+    parser.add_argument("--sizes", type=positive, nargs="+", default=[3, 4, 8], metavar="N")
     parser.add_argument("--chain", action="store_true", help="each hears the next ones alone")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="flights at once (1)")
+    parser.add_argument("--jobs", type=positive, default=1, metavar="N", help="flights at once (1)")
     args = parser.parse_args(argv)
     print(
         "| n | lost | flights | without majority, times a minute | s of 60 | holding, s of 60 | leader changes | m/s |"

@@ -30,6 +30,7 @@ from companion.core.perception.obstacle_perception import SensingPerception
 from mission.document.model import Mission
 from sim_bridge.drive import fly
 from sim_bridge.drive.lockstep.lockstep import InProcess
+from sim_bridge.options.study import positive
 from sim_bridge.world.autopilot.estimates.odometry import Odometer
 from sim_bridge.world.world import DEFAULT_ORIGIN
 from tests.bench.table import spread
@@ -240,13 +241,13 @@ def _tell_tries(pool: ProcessPoolExecutor, tries: int) -> Iterator[str]:
 def main(argv: Sequence[str]) -> int:
     """Prints a row for each flight, then the pooled figures."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench shared-trunks", description=__doc__)
-    parser.add_argument("--flights", type=int, default=8, metavar="N", help="of each way (8)")
+    parser.add_argument("--flights", type=positive, default=8, metavar="N", help="of each way (8)")
     parser.add_argument("--first-seed", type=int, default=2000, metavar="S", help="(2000)")
-    parser.add_argument("--n", type=int, metavar="N", help="vehicles (drawn, 4 to 8)")
+    parser.add_argument("--n", type=positive, metavar="N", help="vehicles (drawn, 4 to 8)")
     parser.add_argument("--density", type=float, metavar="TREES", help="per ha (drawn: 100, 200, 400)")
     parser.add_argument("--loss", type=float, metavar="SHARE", help="of beacons (drawn, up to 0.2)")
-    parser.add_argument("--tries", type=int, default=10_000, metavar="N", help="of false alignments (10000)")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="at once")
+    parser.add_argument("--tries", type=positive, default=10_000, metavar="N", help="of false alignments (10000)")
+    parser.add_argument("--jobs", type=positive, default=os.cpu_count() or 1, metavar="N", help="at once")
     args = parser.parse_args(argv)
     seeds = range(args.first_seed, args.first_seed + args.flights)
     rows: list[Flown] = []

@@ -25,6 +25,7 @@ from mission.document.model import Mission
 from sim_bridge.drive import fly
 from sim_bridge.drive.lockstep.fleet_keys import FleetKeys
 from sim_bridge.drive.lockstep.lockstep import InProcess
+from sim_bridge.options.study import positive
 from sim_bridge.world.world import DEFAULT_ORIGIN, World
 from tests.bench.flights import EXAMPLES
 from tests.bench.live import answers_of, point_masses
@@ -187,10 +188,14 @@ def main(argv: Sequence[str]) -> int:
     """Exit code 1 when a frame was taken."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench signed-radio", description=__doc__)
     parser.add_argument("--frames", type=int, default=1_000_000, metavar="N", help="of each kind (default: 10^6)")
-    parser.add_argument("--sizes", type=int, nargs="*", default=[4, 12, 24], metavar="N", help="vehicles")
+    parser.add_argument("--sizes", type=positive, nargs="*", default=[4, 12, 24], metavar="N", help="vehicles")
     parser.add_argument("--seed", type=int, default=9000, metavar="S")
-    parser.add_argument("--live", type=int, nargs="*", default=[4, 12], metavar="N", help="vehicles that are processes")
-    parser.add_argument("--rounds", type=int, default=5, metavar="K", help="of those, each of 20 s twice (default: 5)")
+    parser.add_argument(
+        "--live", type=positive, nargs="*", default=[4, 12], metavar="N", help="vehicles that are processes"
+    )
+    parser.add_argument(
+        "--rounds", type=positive, default=5, metavar="K", help="of those, each of 20 s twice (default: 5)"
+    )
     args = parser.parse_args(argv)
     taken = attack(args.frames, args.seed) if args.frames else 0
     print("\n| vehicles | a tick, unsigned | signed | ratio | bytes a second, unsigned | signed |")

@@ -29,6 +29,7 @@ from mission.document.model import Mission
 from mission.schema.kinds import RAW_LIDARS, SensorClass
 from sim_bridge.drive import fly as bridge
 from sim_bridge.judge.progress import Progress
+from sim_bridge.options.study import positive
 from sim_bridge.world.world import DEFAULT_ORIGIN
 from tests.bench.fix_traces import HOVERS_S, Led, trace
 from tests.bench.open_sky import report_open_sky
@@ -210,7 +211,7 @@ def rows_of(flights: int, first_seed: int, *, clean: bool, point_mass: bool) -> 
 def main(argv: Sequence[str]) -> int:
     """Prints a row for each flight, then one for each kind."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench spoofing", description=__doc__)
-    parser.add_argument("--flights", type=int, default=14, metavar="N", help="with a fault (14)")
+    parser.add_argument("--flights", type=positive, default=14, metavar="N", help="with a fault (14)")
     parser.add_argument("--first-seed", type=int, default=6000, metavar="S", help="(6000)")
     parser.add_argument("--clean", action="store_true", help="each without its fault, too")
     parser.add_argument("--point-mass", action="store_true", help="without JSBSim")

@@ -18,6 +18,7 @@ from companion.stand.figures.estimate import DBH_MIN_M, StandFigures, figures_of
 from companion.stand.figures.intervals import M2_PER_HA, Estimate
 from companion.stand.fusion.fuse import fuse
 from companion.stand.records import harvest_of
+from sim_bridge.options.study import positive
 from tests.unit.stand.stand_kit import Survey, Trees, clustered_stand, records_of, regular_stand, rows_of, tree_of
 
 SIDES_M = (80.0, 60.0)
@@ -60,7 +61,9 @@ class Judged:
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code 1 when intervals hold the truth too seldom."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench stand-figures", description=__doc__)
-    parser.add_argument("--stands", type=int, default=96, metavar="N", help="drawn ones, besides the real ones (96)")
+    parser.add_argument(
+        "--stands", type=positive, default=96, metavar="N", help="drawn ones, besides the real ones (96)"
+    )
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED, metavar="K", help=f"({FIRST_SEED})")
     parser.add_argument("--frame-sd-m", type=float, default=0.6, metavar="M", help="of the vehicles' positions (0.6)")
     args = parser.parse_args(argv)

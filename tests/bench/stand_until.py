@@ -19,6 +19,7 @@ from companion.stand.figures.intervals import M2_PER_HA
 from companion.stand.summarise import summarise
 from companion.stand.update import PERIOD_S
 from mission.document.model import Mission
+from sim_bridge.options.study import positive
 from tests.unit.stand.stand_kit import Survey, Trees, clustered_stand, records_of, regular_stand, rows_of
 
 SIDES_M = (80.0, 60.0)
@@ -39,7 +40,7 @@ class Stopped:
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code 0: a measurement."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench stand-until", description=__doc__)
-    parser.add_argument("--stands", type=int, default=48, metavar="N", help="(48)")
+    parser.add_argument("--stands", type=positive, default=48, metavar="N", help="(48)")
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED, metavar="K", help=f"({FIRST_SEED})")
     parser.add_argument("--pct", type=float, nargs="+", default=[10.0, 15.0, 20.0], metavar="P", help="(10 15 20)")
     args = parser.parse_args(argv)

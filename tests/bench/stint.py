@@ -25,6 +25,7 @@ from companion.core.model.states import SwarmPhase
 from companion.mavlink import endpoint
 from mission.document.load import load_mission
 from mission.document.model import Mission
+from sim_bridge.options.study import positive
 
 try:
     from sim_bridge.drive import fly
@@ -46,7 +47,7 @@ def main() -> int:
     """Fly until the flight or the input ends."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("mission", type=Path, help="a mission file, or `bare`: JSBSim's F450, and nothing else")
-    parser.add_argument("--n", type=int, default=8)
+    parser.add_argument("--n", type=positive, default=8)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--processes", action="store_true", help="each agent a process")
     parser.add_argument(

@@ -30,6 +30,7 @@ from sim_bridge.judge import run_folder
 from sim_bridge.judge.metrics.stems import DBH_LEAST_M, match_stems
 from sim_bridge.judge.recording import Recording
 from sim_bridge.lab.study.backends.agents import fly_stack
+from sim_bridge.options.study import positive
 from sim_bridge.world.world import DEFAULT_ORIGIN
 from tests.bench.survey import CLASSES
 from tests.bench.table import spread
@@ -223,7 +224,7 @@ def is_passed_around(tree: StandTree, recording: Recording, reach_m: float) -> b
 def main(argv: Sequence[str]) -> int:
     """Prints the table."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench survey-lanes", description=__doc__)
-    parser.add_argument("--vehicles", nargs="+", type=int, default=[1, 8])
+    parser.add_argument("--vehicles", nargs="+", type=positive, default=[1, 8])
     parser.add_argument("--seeds", nargs="+", type=int, default=[31, 32])
     parser.add_argument("--sensor", default="multi-layer", choices=list(CLASSES))
     parser.add_argument("--sides", nargs=2, type=float, default=[80.0, 56.0], metavar=("EAST", "NORTH"), help="m")

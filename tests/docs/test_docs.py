@@ -22,6 +22,9 @@ from companion.mavlink.orders.desk import NEEDS_KEY
 from companion.mavlink.peers.session import TWINS
 from mission import __version__
 from mission.document.load import load_mission
+from mission.schema.fault_kinds import FORMS
+from mission.schema.kinds import FaultKind
+from sim_bridge.drive.faults import parsed
 from sim_bridge.lab.study.load import load_study
 
 ROOT = Path(__file__).parents[2]
@@ -102,6 +105,14 @@ def test_missions_and_studies_in_the_text_load(text: str, tmp_path: Path) -> Non
         load_study(file)
     else:
         load_mission(file)
+
+
+@pytest.mark.parametrize("kind", FORMS)
+def test_each_fault_is_shown_as_an_option_that_is_read(kind: FaultKind) -> None:
+    page = (ROOT / "docs" / "how-to" / "write-a-mission.md").read_text(encoding="utf-8")
+    shown = re.findall(rf"^\| `--{kind.value} (\S+)` \|", page, re.MULTILINE)
+    assert shown
+    assert all(parsed(kind, text)["kind"] == kind.value for text in shown)
 
 
 @pytest.mark.parametrize("file", sorted((ROOT / "sim_bridge" / "lab" / "study" / "examples").glob("*.toml")), ids=str)

@@ -32,6 +32,7 @@ WIDEST = {
     "stop // 2 + 1": "15",
     "before // 2 + 1": "15",
     "self._lanes": "15",
+    "height_m": "120",
     "end": "start",
     "self._name_lane(stop)": "lane 15 of 15",
     "'on' if stop % 2 else 'leaving for'": "leaving for",

@@ -256,7 +256,7 @@ def test_a_companion_that_does_not_listen_is_told_and_so_is_one_that_does_again(
             assert any(f"nobody listens at udpout://127.0.0.1:{port}" in line for line in lines)
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as agent:
                 agent.bind(("127.0.0.1", port))
-                assert any(f"udpout://127.0.0.1:{port} is listened to" in line for line in lines)
+                assert any(f"udpout://127.0.0.1:{port} are refused no more" in line for line in lines)
         end_child(process)
 
 
@@ -342,6 +342,20 @@ def test_a_check_walks_one_round_the_vehicle(
         (
             ["--model", "mid360", "--lidar", "udpin://0.0.0.0:1", "--check", "--configure", "1.2.3.4"],
             "own IPv4 address",
+        ),
+        *(
+            (
+                ["--model", "mid360", "--lidar", "udpin://127.0.0.1:56301", "--check", "--configure", address],
+                f"--configure {address}: must be the lidar's ADDRESS[:PORT]",
+            )
+            for address in ("192.168.1", "192.168.1.300", "192.168.1.112:0", "lidar.local", "1.2.3.4:5:6", "0.0.0.0")
+        ),
+        *(
+            (
+                ["--model", model, "--lidar", "serial:///dev/ttyS0:9600", "--check", "--band-m=0.2..0.6"],
+                f"--band-m: is for a mid360; a {model} measures in one plane",
+            )
+            for model in ("ld06", "ld19", "rplidar-a")
         ),
     ],
 )

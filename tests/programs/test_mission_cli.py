@@ -71,10 +71,37 @@ def test_check_names_the_layers_of_height(
         )
     )
     assert main(["check", str(layered)]) == 0
-    assert "1 layer of height" in capsys.readouterr().out
+    assert (
+        "1 layer of height, as another would be 2 m below or above the mission's, 4.4 m, and there is room from 3.9 m "
+        "(0.4 m above fence.altitude_min_m) to 4.8 m (0.4 m below fence.altitude_max_m): parts that do not hear each "
+        "other may meet"
+    ) in capsys.readouterr().out
     layered.write_text(text.replace("height_layers = true", "height_layers = false"))
     assert main(["check", str(layered)]) == 0
     assert "one height for all: parts that do not hear each other may meet" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"d2_enu_m = [130.0, 0.0, 8.0]": "d2_enu_m = [130.0, 0.0, 9.0]"}, "a level route and ring, and d2 is 9 m up"),
+        (
+            {"[[forest.trees]]": "[forest]\ngrade = [0.04, 0.0]\n[[forest.trees]]", "max_m = 30.0": "max_m = 10.0"},
+            "from 6.8 m (1 m above the ground, 5.8 m up within 15 m of the way) to 9.6 m",
+        ),
+    ],
+)
+def test_check_says_why_there_is_one_layer_of_height(
+    changes: dict[str, str], why: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = Path(LONE_TREE).read_text() + "\n[separation]\nheight_layers = true\n"
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new)
+    layered = tmp_path / "layered.toml"
+    layered.write_text(text)
+    assert main(["check", str(layered)]) == 0
+    assert why in capsys.readouterr().out
 
 
 def test_check_lists_every_problem_of_a_bad_file_on_stderr_and_goes_on(

@@ -273,7 +273,7 @@ def choose_layer(layers: Sequence[float], leader: int) -> float:
 
 
 def choose_turn(layers: Sequence[float], leader: int) -> int:
-    """The turn, 0 to TURNS - 1, in which it looks for the others: parts that share a layer have different ones."""
+    """The turn, 0 to TURNS - 1, in which it looks for the others: in one layer the next leader has another."""
     return leader // (len(layers) - 1) % TURNS
 
 

@@ -1,4 +1,4 @@
-"""The news of a swarm for its operator: the leader, a new phase, and for whom or what the swarm waits."""
+"""The news of a swarm for its operator: the leader, a new phase, for whom or what the swarm waits, other layers."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from mission.document.model import Mission
 
 ABSENT_SAID_S: Final = 10.0  # the leader names those that are not ready this often
 WAIT_SAID_S: Final = 20.0  # and one that is lost again not again so soon: its link comes and goes
+LAYER_SAID_S: Final = 10.0  # no more often: by a radio that comes and goes a part leaves its layer again and again
 NEWS = {
     SwarmPhase.GATHER: "ready: swarm takes off",
     SwarmPhase.TRANSIT: "gathered at d1: leaving for d2",
@@ -36,6 +37,8 @@ class SwarmReports:
         self._wait_said_s: dict[int, float] = {}  # by id: when it was last said that it is waited for
         self._waits_for_position = False
         self._absent_said_s: float | None = None
+        self._own_m = self._layer_m = mission.route.d1_enu_m[2]  # the mission's height, and that of the last report
+        self._layer_said_s = -math.inf
 
     def take_all(self) -> list[Say]:
         """The reports since they were taken last."""
@@ -104,6 +107,20 @@ class SwarmReports:
         if waits and not self._waits_for_position:
             self._add(Severity.WARNING, "position uncertain: waiting at d1")
         self._waits_for_position = waits
+
+    def report_layer(self, layer_m: float | None, now_s: float, *, is_steered: bool) -> None:
+        """Each tick: the height of its layer (m above the origin; None: the mission's), when it is another one."""
+        if not is_steered:
+            self._layer_m = self._own_m  # it lands, or a pilot has it: said by others
+            return
+        height_m = self._own_m if layer_m is None else layer_m
+        if height_m == self._layer_m or now_s - self._layer_said_s < LAYER_SAID_S:
+            return
+        self._layer_m, self._layer_said_s = height_m, now_s
+        if height_m == self._own_m:
+            self._add(Severity.NOTICE, f"back to layer {height_m:.1f} m: quorum")
+        else:
+            self._add(Severity.NOTICE, f"to layer {height_m:.1f} m: no quorum")
 
     def _name_phase(self, entered: SwarmPhase, before: SwarmPhase, stop: int) -> str:
         """A new phase in words."""

@@ -104,6 +104,12 @@ class Swarm:
             self._update_trail(own.pos_ned_m, is_lost=picture.is_position_lost)
         self.partition.update_peer_contact(picture, led=self.election.lease is not None)
 
+    def update_layer(self, picture: Picture, lease: Lease | None) -> float | None:
+        """Each tick, as `NetworkPartition.update_layer`; another height is reported."""
+        layer_m = self.partition.update_layer(picture, lease)
+        self._reports.report_layer(layer_m, picture.now_s, is_steered=picture.is_steered)
+        return layer_m
+
     def lands(self, now_s: float) -> bool:
         """By its leader's word, or because the others have not been heard again."""
         return self.phases.phase is SwarmPhase.LAND or self.partition.partitioned_long(now_s)

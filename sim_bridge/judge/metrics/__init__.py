@@ -60,7 +60,7 @@ from sim_bridge.judge.metrics.leadership import (
     tick_lengths_s,
     visits_of,
 )
-from sim_bridge.judge.metrics.pairs import CONTACT_M, closest, links, look_at_pairs, separation_m
+from sim_bridge.judge.metrics.pairs import CONTACT_M, Pairs, closest, links, look_at_pairs, separation_m
 from sim_bridge.judge.metrics.places import ideal_among_trees_deg, ideals_among_trees_deg
 from sim_bridge.judge.metrics.trunks import least_box_clearance_m, least_clearance_m
 from sim_bridge.judge.recording import Recording
@@ -173,7 +173,7 @@ def measure(
     connected, lambda2 = connectivity(recording, pairs, transit)
     came = arrival(recording, mission, connected)
     covered = coverage_figures(recording, mission, coverage, partial(ideals_among_trees_deg, mission, stand))
-    apart = partings(time_s, connected, under_way)
+    apart = partings(time_s, _in_touch(recording, pairs, connected, faults), under_way)
     ran_into = {what: int((recording.touched[-1:] == code).sum()) for code, what in enumerate(TOUCHED)}
     collisions = max(pairs.contacts, (ran_into["vehicle"] + 1) // 2)  # the bridge also looks between ticks
     acting = recording.acting & recording.agent_alive
@@ -241,10 +241,30 @@ def with_columns(recording: Recording, n: int) -> Recording:
 def _cut_off(time_s: Floats, faults: Sequence[FaultEvent]) -> Bools:
     """(T,) a fault cuts the radios of some off from the others."""
     cut = np.zeros(time_s.shape, dtype=np.bool_)
-    for fault in faults:
-        if fault.kind is FaultKind.PARTITION:
-            cut |= (time_s >= fault.at_s) & (time_s <= (np.inf if fault.until_s is None else fault.until_s))
+    for fault in _cuts(faults):
+        cut |= _lasts(fault, time_s)
     return cut
+
+
+def _in_touch(recording: Recording, pairs: Pairs, connected: Bools, faults: Sequence[FaultEvent]) -> Bools:
+    """(T,) all alive vehicles are one component of G without the links that faults cut; `connected`: of all of G."""
+    links = pairs.links.copy()
+    for fault in _cuts(faults):
+        cut = np.isin(pairs.first + 1, fault.vehicles) != np.isin(pairs.second + 1, fault.vehicles)
+        links[np.ix_(_lasts(fault, recording.time_s), cut)] = False
+    if np.array_equal(links, pairs.links):
+        return connected
+    return connectivity(recording, dataclasses.replace(pairs, links=links), np.zeros(connected.shape, np.bool_))[0]
+
+
+def _cuts(faults: Sequence[FaultEvent]) -> list[FaultEvent]:
+    return [fault for fault in faults if fault.kind is FaultKind.PARTITION]
+
+
+def _lasts(fault: FaultEvent, time_s: Floats) -> Bools:
+    """(T,) it is in force."""
+    lasts: Bools = (time_s >= fault.at_s) & (time_s <= (np.inf if fault.until_s is None else fault.until_s))
+    return lasts
 
 
 def _check(recording: Recording) -> None:

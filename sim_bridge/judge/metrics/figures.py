@@ -289,7 +289,8 @@ FIGURES: Final[tuple[Figure, ...]] = (
     Figure(
         "splits",
         "",
-        "Times that the alive vehicles ceased to be one component of G in phase TRANSIT or COVERAGE.",
+        "Times that the alive vehicles ceased to be one component in phase TRANSIT or COVERAGE: of G without the links "
+        "that `partition` faults cut, in range though they are.",
     ),
     Figure(
         "longest_gap_s",

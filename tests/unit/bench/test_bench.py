@@ -15,7 +15,7 @@ import pytest
 from sim_bridge.judge import progress
 from tests.bench import hashes, speed
 from tests.bench.__main__ import PROGRAMS, _next, main
-from tests.bench.hashes import FLIGHTS, RECORDED, Hashes, difference, read, seeds, table
+from tests.bench.hashes import FLIGHTS, Hashes, difference, read, seeds, table
 from tests.bench.other_simulators import ENTRANTS, HERE
 from tests.bench.other_simulators.course import NEAR_M, SPEED_MPS, setpoint, starts
 from tests.bench.page import HEAD, section, with_section
@@ -116,12 +116,6 @@ def test_a_motion_that_was_not_recorded_is_not_compared() -> None:
     assert difference(dataclasses.replace(SEEN, trace="c" * 64), recorded).startswith("ANOTHER FLIGHT")
 
 
-def test_the_recorded_table_names_flights_that_there_are() -> None:
-    recorded = read(RECORDED.read_text(encoding="utf-8"))
-    assert {name for name, _ in recorded} == set(FLIGHTS)
-    assert all(len(flown.trace) == 64 for flown in recorded.values())
-
-
 def test_seeds_are_a_range_or_one() -> None:
     assert (seeds("1-5"), seeds("3")) == (range(1, 6), range(3, 4))
 
@@ -130,6 +124,17 @@ def test_seeds_are_a_range_or_one() -> None:
 def test_other_seeds_are_refused(wrong: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError, match="must be A-B"):
         seeds(wrong)
+
+
+@pytest.mark.parametrize(
+    ("name", "option"),
+    [("encounters", "--runs"), ("own-motion", "--runs"), ("layers", "--flights"), ("trunks", "--jobs")],
+)
+def test_a_bench_of_nothing_is_refused(name: str, option: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([name, option, "0"])
+    assert ended.value.code == 2
+    assert f"{option}: '0': must be a whole number of at least 1" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", FLIGHTS)

@@ -51,6 +51,22 @@ def test_a_split_that_outlasts_the_transit_is_timed_to_its_end() -> None:
     assert measure(recording, a_mission()).rejoin_s == 2.0
 
 
+def test_vehicles_that_a_fault_cuts_off_are_a_split_though_in_range() -> None:
+    recording = a_recording([level(0.0, 20.0, 28.0)] * 8, dt_s=0.5)
+    cut = [FaultEvent(FaultKind.PARTITION, (3,), 0.5, 2.0)]
+    result = measure(recording, a_mission(n=3), faults=cut)
+    assert (result.splits, result.longest_gap_s, result.rejoin_s) == (1, 2.0, 2.0)
+    assert result.connected_fraction_transit == 1.0  # which is of range
+    lasting = [FaultEvent(FaultKind.PARTITION, (1, 2), 0.5)]
+    assert measure(recording, a_mission(n=3), faults=lasting).rejoin_s is None
+
+
+def test_a_fault_that_cuts_off_nobody_alive_is_no_split() -> None:
+    recording = a_recording([level(0.0, 20.0, 28.0)] * 4, agent_alive=[1, 1, 0])
+    cut = [FaultEvent(FaultKind.PARTITION, (3,), 1.0, 2.0)]
+    assert measure(recording, a_mission(n=3), faults=cut).splits == 0
+
+
 def test_connected_fractions_are_shares_of_the_ticks_of_their_phase() -> None:
     near, far = level(0.0, 29.0), level(0.0, 31.0)
     phase = column(SwarmPhase.GATHER, TRANSIT, TRANSIT, TRANSIT, TRANSIT, COVERAGE, COVERAGE)

@@ -7,7 +7,7 @@ from collections import deque
 
 import pytest
 
-from companion.lidar.command import FRESH_MAX, Reader
+from companion.lidar.command import FRESH_MAX, Reader, Refusals
 from companion.lidar.livox import Mid360
 from companion.lidar.mounting import Mounting
 from companion.lidar.sectors import Limits, SectorScan
@@ -52,3 +52,13 @@ def test_of_a_backlog_only_the_newest_datagrams_are_in_a_scan(monkeypatch: pytes
     (scan_cm,) = reader.read_scans()
     assert scan_cm[0] == 200
     os.close(readable)
+
+
+def test_of_a_while_in_which_nothing_is_sent_it_is_not_said_who_listens() -> None:
+    refusals = Refusals(Url(Scheme.UDP_OUT, "127.0.0.1", 14570))
+    assert refusals.update(20, 10) == "nobody listens at udpout://127.0.0.1:14570"
+    assert refusals.update(20, 10) == ""  # the lidar is unplugged
+    assert refusals.update(21, 10) == ""  # refused, which is told with the next
+    assert refusals.update(40, 20) == ""
+    assert refusals.update(60, 20) == "scans to udpout://127.0.0.1:14570 are refused no more"
+    assert refusals.update(80, 20) == ""

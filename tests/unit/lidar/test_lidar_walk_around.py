@@ -8,7 +8,8 @@ from collections.abc import Iterator
 import pytest
 
 from companion.lidar.mounting import SECTORS, Mounting, sector_at
-from companion.lidar.walk_around import BASELINE_SCANS, STEADY_SCANS, WalkAround, describe_view, mean_deg
+from companion.lidar.walk_around import BASELINE_SCANS, STEADY_SCANS, WalkAround, mean_deg
+from companion.sensors.view import describe_view
 
 MAX_CM = 1200
 TREE = {sector_at(300.0): 150}  # which stands nearer than the person

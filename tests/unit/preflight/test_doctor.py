@@ -158,6 +158,16 @@ def test_obstacle_sensors_are_told_with_what_they_see(
     assert found in check.found
     if verdict is Verdict.PASS:
         assert "0.2 to 8 m, 360 deg from ahead" in check.found
+        assert [*doctor.sensor_link("obstacles", UDP_IN)][1].found.startswith("3/196: front 3.0  front right 3.0")
+
+
+def test_a_view_has_the_nearest_at_the_vehicles_height_and_none_of_scans_from_north(hear: Any) -> None:
+    rays = [{"elevation_deg": deg, "ranges_mm": [mm] * 90} for deg, mm in ((0.0, 5000), (-7.0, 2000), (52.0, 1000))]
+    hear(b"".join(lidar_kit.frame(first_bearing_deg=-45.0, **layer) for layer in rays))
+    (_, view) = doctor.sensor_link("lidar", UDP_IN)
+    assert view.found.startswith("3/196: front 2.0  front right 2.0  right ?")
+    hear(scan_frame(frame=dialect.MAV_FRAME_LOCAL_NED))
+    assert len([*doctor.sensor_link("obstacles", UDP_IN)]) == 1
 
 
 def test_lidar_is_told_with_what_it_sees(hear: Any) -> None:
@@ -165,7 +175,13 @@ def test_lidar_is_told_with_what_it_sees(hear: Any) -> None:
     hear(b"".join(turn))
     check = next(doctor.sensor_link("lidar", UDP_IN))
     assert check.verdict is Verdict.PASS
-    assert "0.2 to 12 m, 360 deg from ahead, 2 layers, -7 to 52 deg up" in check.found
+    assert "0.2 to 12 m, 360 deg from ahead, rays 1 deg apart, 2 layers, -7 to 52 deg up" in check.found
+    hear(b"".join(lidar_kit.frame(first_bearing_deg=90.0 * k, turn=k // 4) for k in range(3)))
+    view = [*doctor.sensor_link("lidar", UDP_IN)][1]
+    assert (view.name, view.verdict) == ("lidar view", Verdict.PASS)
+    assert view.found == (
+        "3/196: front 3.0  front right 3.0  right 3.0  rear right 3.0  rear 3.0  rear left 3.0  left 3.0  front left ?"
+    )
     hear(lidar_kit.frame(bearing_step_deg=0.0))
     check = next(doctor.sensor_link("lidar", UDP_IN))
     assert (check.verdict, check.fix) == (Verdict.FAIL, LidarTally.FIX_NONSENSE)

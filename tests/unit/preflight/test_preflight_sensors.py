@@ -113,13 +113,17 @@ def test_pause_longer_than_a_scan_may_be_old_fails() -> None:
 LAYERS_DEG = RAW_LIDARS[SensorClass.MULTI_LAYER].elevations_deg
 
 
-def turns(*elevations_deg: float, rate_hz: float = 10.0, pieces: int = 4, **wanted: Any) -> Check:
+def turns(
+    *elevations_deg: float, rate_hz: float = 10.0, pieces: int = 4, step_deg: float = 1.0, **wanted: Any
+) -> Check:
     """Of a lidar with these layers that sends so many quarters of each turn, over the window."""
     tally = LidarTally(100.0)
     for k in range(round(WINDOW_S * rate_hz)):
         for piece in range(pieces):
             for deg in elevations_deg:
-                told = lidar_kit.message(first_bearing_deg=90.0 * piece, elevation_deg=deg, turn=k)
+                told = lidar_kit.message(
+                    first_bearing_deg=90.0 * step_deg * piece, elevation_deg=deg, turn=k, bearing_step_deg=step_deg
+                )
                 tally.add(told, ME, 196, 100.0 + k / rate_hz)
     return check_of("lidar", tally.check_sensing(sensing(**wanted), ME, 100.0 + WINDOW_S, "udpin://x:1"))
 
@@ -127,7 +131,12 @@ def turns(*elevations_deg: float, rate_hz: float = 10.0, pieces: int = 4, **want
 def test_lidar_that_will_do_passes_and_its_turns_are_counted() -> None:
     check = turns(0.0, sensor="scan-1deg", range_m=12.0)
     assert (check.verdict, check.fix) == (Verdict.PASS, "")
-    assert check.found == "3/196: 10.0 Hz, longest gap 0.10 s, 0.2 to 12 m, 360 deg from ahead"
+    assert check.found == "3/196: 10.0 Hz, longest gap 0.10 s, 0.2 to 12 m, 360 deg from ahead, rays 1 deg apart"
+    check = turns(0.0, pieces=8, step_deg=0.5, sensor="scan-0.5deg", range_m=12.0)
+    assert check.verdict is Verdict.PASS
+    assert check.wanted.endswith(", rays 0.5 deg apart")
+    check = turns(0.0, pieces=8, step_deg=0.5, sensor="scan-1deg", range_m=12.0)  # sees more than is asked for
+    assert check.verdict is Verdict.PASS
     check = turns(*LAYERS_DEG, sensor="multi-layer", range_m=12.0)
     assert check.verdict is Verdict.PASS
     assert "15 layers, -7 to 52 deg up" in check.found
@@ -147,6 +156,10 @@ def test_layers_that_are_told_apart_are_bounded() -> None:
     ("check", "fix"),
     [
         (lambda: turns(0.0, sensor="scan-0.5deg", range_m=12.5), "max_distance is below sensing.range_m"),
+        (
+            lambda: turns(0.0, sensor="scan-0.5deg", range_m=12.0),
+            "its rays are farther apart than those of sensing.sensor",
+        ),
         (lambda: turns(0.0, rate_hz=5.0, sensor="scan-1deg"), "more scans a second"),
         (lambda: turns(0.0, pieces=3, sensor="scan-1deg"), "field_of_view_deg"),
         (lambda: turns(0.0, sensor="multi-layer"), "fewer layers than sensing.sensor has"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from companion.core.swarm.reports import WAIT_SAID_S, SwarmReports
+from companion.core.swarm.reports import LAYER_SAID_S, WAIT_SAID_S, SwarmReports
 from tests.unit.core.core_kit import mission
 
 
@@ -23,3 +23,27 @@ def test_a_leader_says_once_for_whom_it_waits_and_again_when_another_is_lost() -
 def test_one_whose_link_comes_and_goes_is_named_once() -> None:
     assert said(*[(2.0, [4]), (5.0, [])] * 10) == ["no link to 4: waiting"]
     assert said((2.0, [4]), (WAIT_SAID_S + 1.0, []), (2.0, [4])) == ["no link to 4: waiting"] * 2
+
+
+def said_of_layers(*layers: tuple[float, float | None], is_steered: bool = True) -> list[str]:
+    """What a vehicle says that flies in these, each for so many seconds; None: at the mission's height, 8 m."""
+    reports, now_s = SwarmReports(mission(swarm={"size": 6}), 1), 50.0
+    for seconds, layer_m in layers:
+        for _ in range(round(10.0 * seconds)):
+            now_s += 0.1
+            reports.report_layer(layer_m, now_s, is_steered=is_steered)
+    return [say.text for say in reports.take_all()]
+
+
+def test_a_vehicle_says_that_it_leaves_its_height_and_that_it_is_back() -> None:
+    there_and_back = ["to layer 6.0 m: no quorum", "back to layer 8.0 m: quorum"]
+    assert said_of_layers((30.0, 8.0), (30.0, 6.0), (30.0, 8.0)) == there_and_back
+    assert said_of_layers((30.0, None), (30.0, 6.0), (30.0, None)) == there_and_back  # of a formation in space
+    assert said_of_layers((30.0, 8.0), (30.0, 6.0), is_steered=False) == []
+
+
+def test_of_a_radio_that_comes_and_goes_layers_are_not_said_each_time() -> None:
+    said = said_of_layers(*[(2.0, 6.0), (2.0, 8.0)] * 10, (LAYER_SAID_S + 1.0, 8.0))
+    assert len(said) <= 50.0 / LAYER_SAID_S
+    assert said[-1] == "back to layer 8.0 m: quorum"  # what is said last is so
+    assert said_of_layers((2.0, 6.0), (2.0, 8.0), (2.0, 6.0), (30.0, 6.0)) == ["to layer 6.0 m: no quorum"]

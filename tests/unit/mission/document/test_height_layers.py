@@ -54,6 +54,30 @@ def test_layers_are_apart_and_inside_the_fence(own_m: float, down_m: float, up_m
     assert all(max(low_m, 0.0) + LIMIT_M - 1e-6 <= m <= high_m - LIMIT_M + 1e-6 for m in layers[1:])
 
 
+@pytest.mark.parametrize(
+    ("grade", "layers"),
+    [
+        ((0.0, 0.0), (8.0, 6.0, 4.0)),
+        ((0.015, 0.0), (8.0, 6.0, 4.0)),  # 1.95 m up at d2, 0.2 m more 15 m beyond it
+        ((0.022, 0.0), (8.0, 6.0, 10.0)),  # 4 m is less than a metre above the ground there
+        ((0.0, 0.14), (8.0, 6.0, 4.0)),  # beside the way, up to 2.1 m
+        ((0.0, 0.21), (8.0, 6.0, 10.0)),
+        ((0.045, 0.0), (8.0, 10.0, 12.0)),
+        ((-0.21, 0.0), (8.0, 6.0, 10.0)),  # it rises behind d1
+    ],
+)
+def test_layers_are_above_sloping_ground_along_the_whole_way(
+    grade: tuple[float, float], layers: tuple[float, ...]
+) -> None:
+    sloping = level(8.0, 1.0, 30.0, forest={"grade": grade}, coverage={"radius_m": 15.0})
+    assert list_layers(sloping) == pytest.approx(layers)
+
+
+def test_layers_are_above_level_ground_too() -> None:
+    assert list_layers(level(2.8, 0.2, 3.2)) == (2.8,)
+    assert list_layers(level(3.0, 0.2, 3.4)) == (3.0, 1.0)
+
+
 def test_only_its_own_where_layers_are_off_or_would_not_be_level() -> None:
     assert list_layers(level(8.0, 3.0, 30.0, separation={"height_layers": False})) == (8.0,)
     assert list_layers(level(8.0, 3.0, 30.0, route={"d2_enu_m": (130.0, 0.0, 12.0)})) == (8.0,)

@@ -37,6 +37,7 @@ def leaves(node: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[str, d
 
 LEAVES = dict(leaves(json_schema(Mission)))
 NUMBERS = {key: node for key, node in LEAVES.items() if node.get("type") in ("number", "integer")}
+BOOLEANS = [key for key, node in LEAVES.items() if node.get("type") == "boolean"]
 VECTORS = {key: node for key, node in LEAVES.items() if "prefixItems" in node}
 
 
@@ -152,6 +153,14 @@ def test_what_is_not_a_finite_number_is_refused_with_its_line_for_each_key(value
         for key, line in lines.items():
             assert refused[key].line == line
             assert refused[key].message.startswith("must be ")
+
+
+@pytest.mark.parametrize("value", ['"false"', '"yes"', "0", "1", "1.0"])
+@pytest.mark.parametrize("key", BOOLEANS)
+def test_only_true_and_false_are_booleans(key: str, value: str) -> None:
+    text, line = with_value(key, value)
+    refused = next(p for p in problems_of(text) if p.key == key)
+    assert (refused.line, refused.value, refused.message) == (line, value, "must be true or false")
 
 
 @pytest.mark.parametrize("key", VECTORS)
