@@ -20,16 +20,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 import mission
 from mission.document.model import Mission
 from mission.schema.check import validated
 from mission.schema.faults import FaultKind
+from mission.schema.fields import MAX_VEHICLES
 from mission.stand.resolve import stand_of
 from sim_bridge import fly
 from sim_bridge.judge.metrics import separation_m
 from sim_bridge.judge.metrics.graph import connectivity
 from sim_bridge.judge.metrics.pairs import look_at_pairs
+from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.run_folder import load_faults
 from sim_bridge.judge.tick import TOUCHED
 from sim_bridge.options.study import positive
@@ -59,7 +62,7 @@ class Flown:
     closest: tuple[int, int] | None
     closest_at_s: float | None
     cuts_s: tuple[tuple[float, float], ...]  # as they were in force
-    together_s: float | None  # from the last cut's end until the alive are one part; None: never
+    together_s: float | None  # from the last cut's end until the alive are one part that names one leader; None: never
     verdict: str
     contacts_killed: int = 0  # of `contacts`: vehicles whose companion had ended, and that drifted into something
 
@@ -121,7 +124,7 @@ def fly_one(seed: int, course: Course, *, layers: bool) -> Flown:
     together_s = None
     if cuts:
         end_s = max(until_s for _, until_s in cuts)
-        one = np.flatnonzero(connected & (recording.time_s >= end_s))
+        one = np.flatnonzero(connected & _name_one_leader(recording) & (recording.time_s >= end_s))
         together_s = float(recording.time_s[one[0]]) - end_s if one.size else None
     killed = [k for fault in happened if fault.kind is FaultKind.KILL for k in fault.vehicles]
     touched = recording.touched[-1]
@@ -141,6 +144,15 @@ def fly_one(seed: int, course: Course, *, layers: bool) -> Flown:
         str(result.summary["verdict"]),
         sum(TOUCHED[touched[k - 1]] not in {"", "vehicle"} for k in killed),
     )
+
+
+def _name_one_leader(recording: Recording) -> npt.NDArray[np.bool_]:
+    """(T,) all whose companions live name the same leader."""
+    alive = recording.agent_alive
+    most = np.where(alive, recording.leader, 0).max(axis=1)
+    least = np.where(alive, recording.leader, MAX_VEHICLES).min(axis=1)
+    same: npt.NDArray[np.bool_] = (most == least) & (most > 0)
+    return same
 
 
 def main(argv: Sequence[str]) -> int:
