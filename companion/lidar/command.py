@@ -118,7 +118,14 @@ class Reader(Generic[Told]):
         if not self._link.up:
             return f"no {self._url.place}: is it plugged in? Opened once it is there (ls /dev/serial/by-id lists all)"
         if not self._bytes:
+            if self._link.lost:
+                return f"{self._link.lost} datagrams at {self._url} are too long for a lidar: another program's?"
             return f"nothing is received at {self._url}: power, wiring, address?"
+        if isinstance(self._driver, Mid360):
+            return (
+                f"no scan in {self._bytes} bytes received at {self._url}, {self._driver.bad} datagrams are no points "
+                "of a Mid-360: is one at this port? Its data type and return mode (Livox Viewer 2), or --configure"
+            )
         return (
             f"no scan in {self._bytes} bytes received at {self._url}, {self._driver.bad} times out of step: is --model "
             "right, and the baud rate? Does it turn?"

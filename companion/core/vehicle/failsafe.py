@@ -572,7 +572,7 @@ ROWS: tuple[Row, ...] = (
         Source.PARTITION,
         "others that took off are not heard for {delay_s} s, in a mission with `[sensing]`: the partition's leader "
         "goes back its own way to the last link; without the majority then to where they were heard last, then on, to "
-        "stay outside the tree",
+        "stay outside the tree (in layers of height a part without the majority stands first, for 50, 62 or 74 s)",
         lambda r: there(r.search != ""),
         Response.SEEK,
         Clear.GONE,
@@ -611,7 +611,8 @@ ROWS: tuple[Row, ...] = (
     Row(
         Cause.NO_MAJORITY,
         Source.PARTITION,
-        "this partition has not had the majority of those that took off for {delay_s} s, as its leader says",
+        "this partition has not had the majority of those that took off for {delay_s} s, as its leader says; in layers "
+        "of height it then goes to one of its own",
         lambda r: there(r.led and not r.quorum),
         Response.HOLD,
         Clear.GONE,

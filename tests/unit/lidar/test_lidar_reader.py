@@ -54,6 +54,29 @@ def test_of_a_backlog_only_the_newest_datagrams_are_in_a_scan(monkeypatch: pytes
     os.close(readable)
 
 
+@pytest.mark.parametrize(
+    ("datagrams", "lost", "advice"),
+    [
+        ([b"\x37" * 900, mid360_points(3, [(1.0, 0.0, 0.0)])[:-1]], 0, "2 datagrams are no points of a Mid-360"),
+        ([], 2, "2 datagrams at udpin://127.0.0.1:56301 are too long"),
+        ([], 0, "nothing is received at udpin://127.0.0.1:56301"),
+    ],
+)
+def test_a_mid360_without_points_is_not_looked_for_on_a_serial_line(
+    datagrams: list[bytes], lost: int, advice: str
+) -> None:
+    readable, writable = os.pipe()
+    os.close(writable)
+    link = Queue(readable, datagrams)
+    link.lost = lost
+    scan = SectorScan(Limits(0.1, 40.0, 0.1), Mounting())
+    reader = Reader(Url(Scheme.UDP_IN, "127.0.0.1", 56301), link, Mid360(), scan, None)
+    assert reader.read_scans() == []
+    assert advice in reader.describe_silence()
+    assert "baud" not in reader.describe_silence()
+    os.close(readable)
+
+
 def test_of_a_while_in_which_nothing_is_sent_it_is_not_said_who_listens() -> None:
     refusals = Refusals(Url(Scheme.UDP_OUT, "127.0.0.1", 14570))
     assert refusals.update(20, 10) == "nobody listens at udpout://127.0.0.1:14570"
