@@ -572,14 +572,14 @@ ROWS: tuple[Row, ...] = (
         Source.PARTITION,
         "others that took off are not heard for {delay_s} s, in a mission with `[sensing]`: the partition's leader "
         "goes back its own way to the last link; without the majority then to where they were heard last, then on, to "
-        "stay outside the tree (in layers of height a part without the majority stands first, for 50, 62 or 74 s)",
+        "stay outside the tree (in layers of height a part without the majority stands first, for most of a minute)",
         lambda r: there(r.search != ""),
         Response.SEEK,
         Clear.GONE,
         Severity.WARNING,
         "searching for lost peers{}",
-        until="they are heard again; with the majority, {limit_s} s are over (60 s in layers of height); without it, "
-        "the leader has been everywhere and holds",
+        until="they are heard again; with the majority, {limit_s} s are over (a minute in layers of height); without "
+        "it, the leader has been everywhere and holds",
         delay_s=1.0,  # a shadow that passes, and the election, take no longer
         limit_s=10.0,  # longer, one that is lost is dead or far behind
         detail=lambda r: r.search,
