@@ -47,10 +47,11 @@ def conflicts(mission: MissionTables) -> Iterator[Conflict]:
 def list_layers(mission: MissionTables) -> tuple[float, ...]:
     """Heights that a mission has room for: its own first, then those below it, then one above.
 
-    Only its own where the route or the coverage is not level, or `separation.height_layers` is off.
+    Only its own where the route or the coverage is not level, for a swarm of one, or where `separation.height_layers`
+    is off.
     """
     own_m = mission.route.d1_enu_m[2]
-    if not mission.separation.height_layers or find_slope(mission):
+    if not mission.separation.height_layers or mission.swarm.size == 1 or find_slope(mission):
         return (own_m,)
     low_m, high_m = find_room_m(mission)
     below = _split(own_m - low_m, LAYERS_MOST - 1)

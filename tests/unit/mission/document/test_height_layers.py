@@ -119,6 +119,7 @@ def test_a_layer_among_the_crowns_of_a_stand_is_refused(
 def test_only_its_own_where_layers_are_off_or_would_not_be_level() -> None:
     assert list_layers(level(8.0, 3.0, 30.0, separation={"height_layers": False})) == (8.0,)
     assert list_layers(level(8.0, 3.0, 30.0, route={"d2_enu_m": (130.0, 0.0, 12.0)})) == (8.0,)
+    assert list_layers(level(8.0, 3.0, 30.0, swarm={"size": 1})) == (8.0,)
     stop = {"stops": [{"pos_enu_m": (60.0, 0.0, 11.0)}]}
     assert list_layers(level(8.0, 3.0, 30.0, route=stop)) == (8.0,)
     sphere = {"shape": "sphere", "radius_m": 7.0}
