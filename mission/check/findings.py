@@ -13,7 +13,7 @@ from mission.common.plane import area_m2
 from mission.common.problems import MissionError, Problem
 from mission.document import simulator
 from mission.document.airtime import find_short_batteries
-from mission.document.barometer import find_lacking_room
+from mission.document.barometer import HEIGHT_SD_M, find_lacking_room
 from mission.document.height_layers import (
     APART_M,
     LIMIT_M,
@@ -24,7 +24,7 @@ from mission.document.height_layers import (
     spread_m,
 )
 from mission.document.load import Document, check_kind
-from mission.document.model import Mission
+from mission.document.model import Estimates, Mission
 from mission.rules.forest_rules import TAKEOFF_CLEAR_M
 from mission.rules.payload_rules import records_hz, records_max_hz
 from mission.rules.rise_rules import upward_view
@@ -116,10 +116,21 @@ def _layers(mission: Mission) -> Iterator[str]:
                 "keeps them apart, where a downward range finder holds each vehicle's height"
             )
         return
+    if mission.swarm.size == 1:
+        yield "1 layer of height: a swarm of one does not part"
+        return
     own_m, *others_m = list_layers(mission)
     if others_m:
         heights = " and ".join(f"{height_m:.1f}" for height_m in others_m)
-        yield f"{1 + len(others_m)} layers of height: the mission's, {own_m:g} m, and {heights} m"
+        yield (
+            f"{1 + len(others_m)} layers of height: the mission's, {own_m:g} m, and {heights} m; parts without the "
+            "majority may share one"
+        )
+        if not mission.sim.range_finder and mission.sim.estimates is not Estimates.EXACT:
+            yield (
+                f"heights by a barometer, wrong by up to {HEIGHT_SD_M:g} m rms: those of two err by more than layers "
+                f"are apart, {APART_M:g} m; sim.range_finder = true holds them"
+            )
     else:
         yield f"1 layer of height, {_why_one_layer(mission)}: parts that do not hear each other may meet"
 

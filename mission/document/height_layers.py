@@ -6,10 +6,13 @@ All heights are metres above the origin, as in the mission file.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Final
 
-from mission.document.model import CoverageShape, Mission
-from mission.rules.forest_rules import TAKEOFF_CLEAR_M, ground_up_m
+from mission.rules.flight_rules import route_points
+from mission.rules.forest_rules import TAKEOFF_CLEAR_M, crown_band_m, ground_up_m, lowest_crown_m
+from mission.schema.conflict import Conflict, conflict
+from mission.schema.tables import CoverageShape, MissionTables
 
 SAME_HEIGHT_M: Final = 1.5  # two whose heights differ by less are beside each other: a hull, and downwash
 APART_M: Final = 2.0  # between two layers: that, and what two heights held by range finders are off
@@ -17,13 +20,38 @@ LIMIT_M: Final = 0.4  # from the fence's altitudes: more than the safety filter 
 LAYERS_MOST: Final = 3
 
 
-def list_layers(mission: Mission) -> tuple[float, ...]:
+def conflicts(mission: MissionTables) -> Iterator[Conflict]:
+    """Layers among the crowns of a generated stand, where the fence has room for them."""
+    stand = mission.forest.stand
+    if stand is None or not mission.separation.height_layers:
+        return
+    low_m, high_m = crown_band_m(mission, stand)
+    own_m, *others_m = list_layers(mission)
+    grounds_m = [ground_up_m(mission, *pos_enu_m[:2]) for _, pos_enu_m in route_points(mission)]
+    for layer_m in others_m:
+        if not any(low_m < layer_m - ground_m < high_m for ground_m in grounds_m):
+            continue
+        if layer_m > own_m:
+            key, must_be = "fence.altitude_max_m", f"less than {layer_m + LIMIT_M:.1f} m"
+        else:
+            key, must_be = "fence.altitude_min_m", f"more than {layer_m - LIMIT_M:.1f} m"
+        yield conflict(
+            mission,
+            ("separation.height_layers", key),
+            f"makes a layer {layer_m:.1f} m up, among crowns, the lowest from {lowest_crown_m(stand):.1f} m above the "
+            f"ground: {key} must be {must_be}",
+        )
+        return
+
+
+def list_layers(mission: MissionTables) -> tuple[float, ...]:
     """Heights that a mission has room for: its own first, then those below it, then one above.
 
-    Only its own where the route or the coverage is not level, or `separation.height_layers` is off.
+    Only its own where the route or the coverage is not level, for a swarm of one, or where `separation.height_layers`
+    is off.
     """
     own_m = mission.route.d1_enu_m[2]
-    if not mission.separation.height_layers or find_slope(mission):
+    if not mission.separation.height_layers or mission.swarm.size == 1 or find_slope(mission):
         return (own_m,)
     low_m, high_m = find_room_m(mission)
     below = _split(own_m - low_m, LAYERS_MOST - 1)
@@ -31,7 +59,7 @@ def list_layers(mission: Mission) -> tuple[float, ...]:
     return (own_m, *(own_m - apart_m for apart_m in below), *(own_m + apart_m for apart_m in above))
 
 
-def find_slope(mission: Mission) -> str:
+def find_slope(mission: MissionTables) -> str:
     """Key and value by which the route or the coverage is not level; empty: both are."""
     if mission.coverage.shape is not CoverageShape.RING:
         return f'coverage.shape = "{mission.coverage.shape.value}"'
@@ -42,20 +70,20 @@ def find_slope(mission: Mission) -> str:
     return ""
 
 
-def find_room_m(mission: Mission) -> tuple[float, float]:
+def find_room_m(mission: MissionTables) -> tuple[float, float]:
     """Lowest and highest height of a layer: inside the fence's altitudes, above the ground as d1 and d2 have to be."""
     fence = mission.fence
     low_m = max(fence.altitude_min_m + LIMIT_M, highest_ground_m(mission) + TAKEOFF_CLEAR_M)
     return low_m, fence.altitude_max_m - LIMIT_M
 
 
-def highest_ground_m(mission: Mission) -> float:
+def highest_ground_m(mission: MissionTables) -> float:
     """Highest ground along the way and about it, as wide as a ring or a line abreast."""
     beside_m = spread_m(mission) * math.hypot(*mission.forest.grade)
     return max([ground_up_m(mission, east_m, north_m) for east_m, north_m, _ in mission.way_enu_m]) + beside_m
 
 
-def spread_m(mission: Mission) -> float:
+def spread_m(mission: MissionTables) -> float:
     """Distance of a vehicle from the way: a ring's radius, or half of a line abreast on lanes."""
     return max(mission.coverage.radius_m, mission.swath.spread_m / 2.0 if mission.lanes else 0.0)
 

@@ -7,6 +7,7 @@ from typing import Any, Self
 
 from pydantic import ConfigDict, model_validator
 
+from mission.document import height_layers
 from mission.rules import fence_rules, flight_rules, forest_rules, payload_rules, rise_rules, survey_rules
 from mission.schema.check import validated
 from mission.schema.conflict import ConflictError
@@ -101,7 +102,15 @@ class Mission(MissionTables):
     def _consistent(self) -> Self:
         conflicts = tuple(
             c
-            for laws in (flight_rules, fence_rules, forest_rules, survey_rules, rise_rules, payload_rules)
+            for laws in (
+                flight_rules,
+                fence_rules,
+                forest_rules,
+                survey_rules,
+                rise_rules,
+                payload_rules,
+                height_layers,
+            )
             for c in laws.conflicts(self)
         )
         if conflicts:

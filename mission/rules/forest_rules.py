@@ -173,12 +173,16 @@ def lowest_crown_m(spec: StandSpec) -> float:
     return min(spec.tree(0.0, 0.0, spec.dbh_min_m, species).crown_base_m for species in spec.species)
 
 
-def _crowns(mission: MissionTables, spec: StandSpec) -> Iterator[Conflict]:
-    """Vehicles fly between the trunks, below every crown, or above all trees."""
+def crown_band_m(mission: MissionTables, spec: StandSpec) -> tuple[float, float]:
+    """Heights above the ground between which a vehicle's centre would be among the crowns of a generated stand."""
     thick = [spec.tree(0.0, 0.0, spec.dbh_max_m, species) for species in spec.species]
     radius_m = MARGIN_M if mission.sensing is None else mission.sensing.vehicle_radius_m
-    low_m = lowest_crown_m(spec) - radius_m
-    high_m = max(tree.height_m for tree in thick) + radius_m
+    return lowest_crown_m(spec) - radius_m, max(tree.height_m for tree in thick) + radius_m
+
+
+def _crowns(mission: MissionTables, spec: StandSpec) -> Iterator[Conflict]:
+    """Vehicles fly between the trunks, below every crown, or above all trees."""
+    low_m, high_m = crown_band_m(mission, spec)
     for key, pos_enu_m in route_points(mission):
         above_m = pos_enu_m[2] - ground_up_m(mission, pos_enu_m[0], pos_enu_m[1])
         if low_m < above_m < high_m:

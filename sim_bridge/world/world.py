@@ -23,7 +23,7 @@ from sim_bridge.world.autopilot.estimates.estimator import estimated
 from sim_bridge.world.autopilot.estimates.gnss_faults import FaultyGnss
 from sim_bridge.world.autopilot.estimates.odometry import Odometer
 from sim_bridge.world.autopilot.estimates.position_faults import STRIKES_POSITION, FaultyPosition
-from sim_bridge.world.autopilot.personality import odometry_parameters
+from sim_bridge.world.autopilot.personality import RANGE_FINDER_PARAMETERS, odometry_parameters
 from sim_bridge.world.contacts import Collisions, Contacts, Touched
 from sim_bridge.world.radio import radio_of
 from sim_bridge.world.sensors.satellites import Crowns, Receiver
@@ -93,6 +93,8 @@ class World:
             presets = dict(parameters.get(personality, {}))
             if vehicle_id in sim.battery_mah:
                 presets[CAPACITY[personality]] = sim.battery_mah[vehicle_id]
+            if sim.range_finder:
+                presets |= RANGE_FINDER_PARAMETERS[personality]
             receiver: Receiver | None = None
             shaded: Aided | None = None
             gnss: FaultyGnss | None = None

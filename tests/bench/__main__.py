@@ -13,7 +13,14 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
+
+from mission.common.exit_codes import EXIT_ENVIRONMENT
+
+if find_spec("pytest") is None:  # the kits of tests that are measured with import it
+    print("tests.bench: the development tools are missing: `make dev` installs them", file=sys.stderr)
+    sys.exit(EXIT_ENVIRONMENT)
 
 import numpy as np
 

@@ -357,6 +357,13 @@ def test_a_check_walks_one_round_the_vehicle(
             )
             for model in ("ld06", "ld19", "rplidar-a")
         ),
+        *(
+            (
+                ["--model", model, "--lidar", "serial:///dev/ttyS0:9600", "--check", "--raw", "scan-0.5deg"],
+                f"--raw scan-0.5deg: an {model} is scan-1deg, of 450 rays a turn, not 720",
+            )
+            for model in ("ld06", "ld19")
+        ),
     ],
 )
 def test_options_that_do_not_go_together_are_refused(

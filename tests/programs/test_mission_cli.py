@@ -49,27 +49,27 @@ def test_check_tells_of_a_forest_that_vehicles_do_not_see(tmp_path: Path, capsys
 
 
 @pytest.mark.parametrize(
-    ("altitude_max_m", "told"),
+    ("crown_base_share", "altitude_max_m", "told"),
     [
-        (5.2, "2 layers of height: the mission's, 4.4 m, and 2.4 m"),
-        (8.0, "3 layers of height: the mission's, 4.4 m, and 2.4 and 6.4 m"),
+        ("", 5.2, "2 layers of height: the mission's, 4.4 m, and 2.4 m; parts without the majority may share one"),
+        (
+            "crown_base_share = 0.8\n",
+            8.0,
+            "3 layers of height: the mission's, 4.4 m, and 2.4 and 6.4 m; parts without the majority may share one",
+        ),
     ],
 )
 def test_check_names_the_layers_of_height(
-    altitude_max_m: float, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    crown_base_share: str, altitude_max_m: float, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     text = (EXAMPLES / "natural_stand.toml").read_text()
     layered = tmp_path / "layered.toml"
-    text = text.replace("altitude_max_m = 5.2", f"altitude_max_m = {altitude_max_m}")
     text = text.replace("altitude_min_m = 2.0", "altitude_min_m = 1.6")
-    layered.write_text(text)
+    higher = text.replace("altitude_max_m = 5.2", f"altitude_max_m = {altitude_max_m}")
+    layered.write_text(higher.replace("[forest.stand]\n", f"[forest.stand]\n{crown_base_share}"))
     assert main(["check", str(layered)]) == 0
     assert told in [line.strip() for line in capsys.readouterr().out.splitlines()]
-    layered.write_text(
-        text.replace("altitude_min_m = 1.6", "altitude_min_m = 3.5").replace(
-            f"altitude_max_m = {altitude_max_m}", "altitude_max_m = 5.2"
-        )
-    )
+    layered.write_text(text.replace("altitude_min_m = 1.6", "altitude_min_m = 3.5"))
     assert main(["check", str(layered)]) == 0
     assert (
         "1 layer of height, as another would be 2 m below or above the mission's, 4.4 m, and there is room from 3.9 m "
@@ -82,8 +82,27 @@ def test_check_names_the_layers_of_height(
 
 
 @pytest.mark.parametrize(
+    ("sim", "told"),
+    [
+        ("", False),
+        ('estimates = "recorded"', True),
+        ('estimates = "2026-11"\npersonality = "ardupilot"', True),
+        ('estimates = "recorded"\nrange_finder = true', False),
+    ],
+)
+def test_check_says_that_a_barometer_holds_no_layer(
+    sim: str, told: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    layered = tmp_path / "layered.toml"
+    layered.write_text(f"{Path(LONE_TREE).read_text()}\n[separation]\nheight_layers = true\n[sim]\n{sim}\n")
+    assert main(["check", str(layered)]) == 0
+    assert ("heights by a barometer, wrong by up to 1.2 m rms: those of two" in capsys.readouterr().out) is told
+
+
+@pytest.mark.parametrize(
     ("changes", "why"),
     [
+        ({"size = 8": "size = 1"}, "1 layer of height: a swarm of one does not part"),
         ({"d2_enu_m = [130.0, 0.0, 8.0]": "d2_enu_m = [130.0, 0.0, 9.0]"}, "a level route and ring, and d2 is 9 m up"),
         (
             {"[[forest.trees]]": "[forest]\ngrade = [0.04, 0.0]\n[[forest.trees]]", "max_m = 30.0": "max_m = 10.0"},

@@ -66,8 +66,8 @@ def test_part_without_the_majority_has_a_height_of_its_own_until_it_is_back() ->
     assert heights_m(swarm, set(swarm.aircraft)) == pytest.approx([OWN_M] * 5, abs=HELD_M)
     told = [swarm.aircraft[k].said for k in sorted(REAR)]
     (layer_m,) = {BELOW_M, LOWEST_M} & {round(height_m) for height_m in lowered}
-    assert [[text for text in texts if "layer" in text] for texts in told] == [
-        [f"to layer {layer_m:.1f} m: no quorum", f"back to layer {OWN_M:.1f} m: quorum"]
+    assert [[text for text in texts if text.startswith(("to layer", "back to"))] for texts in told] == [
+        [f"to layer {layer_m:.1f} m: no quorum", f"back to {OWN_M:.1f} m: quorum"]
     ] * 2
     assert not [text for k in front for text in swarm.aircraft[k].said if "layer" in text]
     swarm.until("COVERAGE", limit_s=90.0)

@@ -118,7 +118,7 @@ class SwarmReports:
             return
         self._layer_m, self._layer_said_s = height_m, now_s
         if height_m == self._own_m:
-            self._add(Severity.NOTICE, f"back to layer {height_m:.1f} m: quorum")
+            self._add(Severity.NOTICE, f"back to {height_m:.1f} m: quorum")
         else:
             self._add(Severity.NOTICE, f"to layer {height_m:.1f} m: no quorum")
 

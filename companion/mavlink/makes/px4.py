@@ -157,8 +157,13 @@ AIDS = (
     Aid("EKF2_OF_CTRL 1 (flow)", {"EKF2_OF_CTRL": 1}, {}),
     Aid("EKF2_EV_CTRL with 1 (position) or 4 (velocity)", {"EKF2_EV_CTRL": POSITION | VELOCITY}, {}),
 )
+# EKF2_RNG_CTRL 1 fuses ranges only below EKF2_RNG_A_VMAX (1 m/s) and EKF2_RNG_A_HMAX (5 m): not in transit
 HEIGHT_AIDS = (
-    Aid("EKF2_HGT_REF 2 (range finder) and EKF2_RNG_CTRL 1 or 2", {"EKF2_RNG_CTRL": 3}, {"EKF2_HGT_REF": 2}),
+    Aid(
+        "EKF2_HGT_REF 2 (range finder) and EKF2_RNG_CTRL 2 (1 stops at 1 m/s or 5 m: EKF2_RNG_A_VMAX, _HMAX)",
+        {},
+        {"EKF2_HGT_REF": 2, "EKF2_RNG_CTRL": 2},
+    ),
 )
 ODOMETRY_AIDS = (Aid("EKF2_EV_CTRL with 4 (velocity)", {"EKF2_EV_CTRL": VELOCITY}, {}),)
 

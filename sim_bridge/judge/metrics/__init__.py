@@ -91,6 +91,7 @@ __all__ = [
     "swarm_phase",
     "tolerance_m",
     "with_columns",
+    "without_cut_links",
 ]
 
 
@@ -248,13 +249,19 @@ def _cut_off(time_s: Floats, faults: Sequence[FaultEvent]) -> Bools:
 
 def _in_touch(recording: Recording, pairs: Pairs, connected: Bools, faults: Sequence[FaultEvent]) -> Bools:
     """(T,) all alive vehicles are one component of G without the links that faults cut; `connected`: of all of G."""
+    heard = without_cut_links(pairs, recording.time_s, faults)
+    if np.array_equal(heard.links, pairs.links):
+        return connected
+    return connectivity(recording, heard, np.zeros(connected.shape, np.bool_))[0]
+
+
+def without_cut_links(pairs: Pairs, time_s: Floats, faults: Sequence[FaultEvent]) -> Pairs:
+    """`pairs` of the ticks at `time_s` without the links that partitions cut while they last."""
     links = pairs.links.copy()
     for fault in _cuts(faults):
         cut = np.isin(pairs.first + 1, fault.vehicles) != np.isin(pairs.second + 1, fault.vehicles)
-        links[np.ix_(_lasts(fault, recording.time_s), cut)] = False
-    if np.array_equal(links, pairs.links):
-        return connected
-    return connectivity(recording, dataclasses.replace(pairs, links=links), np.zeros(connected.shape, np.bool_))[0]
+        links[np.ix_(_lasts(fault, time_s), cut)] = False
+    return dataclasses.replace(pairs, links=links)
 
 
 def _cuts(faults: Sequence[FaultEvent]) -> list[FaultEvent]:

@@ -92,8 +92,8 @@ ABOUT: Final[dict[str, About]] = {
     "links": About(
         "array of arrays",
         "",
-        "Of each pair that was ever linked: its two ids, then the differences of the rows in which the link comes, "
-        "goes, comes ...",
+        "Of each pair that was ever linked, in range and not cut by a `partition` fault: its two ids, then the "
+        "differences of the rows in which the link comes, goes, comes ...",
     ),
     "events[].time_s": About("number", "s", "When; in the order of time."),
     "events[].kind": About(

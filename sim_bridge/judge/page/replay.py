@@ -31,6 +31,7 @@ from sim_bridge.judge.metrics import (
     sphere_gap_deg,
     swarm_phase,
     with_columns,
+    without_cut_links,
 )
 from sim_bridge.judge.metrics.graph import connectivity
 from sim_bridge.judge.metrics.leadership import visits_of
@@ -89,6 +90,7 @@ def replay(
     rows = rows_at(recording.time_s, RATE_HZ) if len(recording.time_s) else np.zeros(0, np.intp)
     shown = sampled(recording, rows)
     pairs = look_at_pairs(shown, mission, range_share(mission.sim, stand))
+    pairs = without_cut_links(pairs, shown.time_s, faults)
     connected, lambda2 = connectivity(shown, pairs, np.ones(len(rows), np.bool_))
     happened = events(
         shown, faults, reported, connected=connected, separation_m=pairs.separation_m, ended=verdict.ended

@@ -44,6 +44,11 @@ CANOPY_PARAMETERS: Mapping[Personality, Mapping[str, float]] = {
         "FENCE_ACTION": 4,
     },
 }
+# Of one whose height a downward range finder holds; `companion preflight` wants the same for layers of height
+RANGE_FINDER_PARAMETERS: Mapping[Personality, Mapping[str, float]] = {
+    Personality.PX4: {"EKF2_HGT_REF": 2, "EKF2_RNG_CTRL": 2},
+    Personality.ARDUPILOT: {"EK3_SRC1_POSZ": 2, "RNGFND1_TYPE": 100},  # SITL's
+}
 
 
 def make_autopilot(

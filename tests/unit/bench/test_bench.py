@@ -6,12 +6,14 @@ import argparse
 import dataclasses
 import io
 import math
+import subprocess
 import sys
 import threading
 from collections.abc import Iterator
 
 import pytest
 
+from mission.common.exit_codes import EXIT_ENVIRONMENT
 from sim_bridge.judge import progress
 from tests.bench import hashes, speed
 from tests.bench.__main__ import PROGRAMS, _next, main
@@ -194,3 +196,10 @@ def test_a_benchmark_under_way_gives_signs_of_life(monkeypatch: pytest.MonkeyPat
     assert _next(measured, "speed, row 1") == row
     assert _next(measured, "speed, row 2") is None
     assert told.getvalue().startswith("speed, row 1: 0 s\n")
+
+
+def test_without_the_development_tools_it_says_what_installs_them() -> None:
+    code = "import runpy, sys; sys.modules['pytest'] = None; runpy.run_module('tests.bench', run_name='__main__')"
+    done = subprocess.run([sys.executable, "-c", code, "--help"], capture_output=True, text=True, check=False)
+    told = "tests.bench: the development tools are missing: `make dev` installs them\n"
+    assert (done.returncode, done.stdout, done.stderr) == (EXIT_ENVIRONMENT, "", told)

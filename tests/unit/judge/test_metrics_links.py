@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from companion.core.model.states import SwarmPhase
@@ -9,6 +11,7 @@ from mission.schema.faults import FaultKind
 from sim_bridge.judge import metrics
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import measure
+from sim_bridge.judge.page.replay import Verdict, replay
 from tests.unit.judge.metrics_kit import COVERAGE, TRANSIT, TREE, a_mission, a_recording, column, level
 
 
@@ -59,6 +62,19 @@ def test_vehicles_that_a_fault_cuts_off_are_a_split_though_in_range() -> None:
     assert result.connected_fraction_transit == 1.0  # which is of range
     lasting = [FaultEvent(FaultKind.PARTITION, (1, 2), 0.5)]
     assert measure(recording, a_mission(n=3), faults=lasting).rejoin_s is None
+
+
+def test_a_replay_draws_no_link_that_a_fault_cuts(tmp_path: Path) -> None:
+    recording, flown = a_recording([level(0.0, 20.0, 28.0)] * 8, dt_s=0.5), a_mission(n=3)
+    cut = [FaultEvent(FaultKind.PARTITION, (3,), 1.0, 2.0)]
+    metrics = measure(recording, flown, faults=cut)
+    drawn = replay(
+        recording, flown, tmp_path, title="", metrics=metrics, verdict=Verdict(None, None), figures={}, faults=cut
+    )
+    ever, *_ = drawn["links"]
+    parted = {(a, b): changes for a, b, *changes in drawn["links"]}
+    assert ever == [1, 2, 0]
+    assert all(len(parted[pair]) == 3 for pair in ((1, 3), (2, 3)))  # they come, go, and come again
 
 
 def test_a_fault_that_cuts_off_nobody_alive_is_no_split() -> None:

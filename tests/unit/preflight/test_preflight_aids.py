@@ -51,9 +51,10 @@ def test_a_vehicle_without_satellites_needs_something_that_tells_it_how_it_moves
 @pytest.mark.parametrize(
     ("make", "values", "good"),
     [
-        (PX4, {"EKF2_HGT_REF": 2, "EKF2_RNG_CTRL": 1}, True),
+        (PX4, {"EKF2_HGT_REF": 2, "EKF2_RNG_CTRL": 2}, True),
+        (PX4, {"EKF2_HGT_REF": 2, "EKF2_RNG_CTRL": 1}, False),  # faster than 1 m/s: by the barometer
         (PX4, {"EKF2_HGT_REF": 2, "EKF2_RNG_CTRL": 0}, False),
-        (PX4, {"EKF2_HGT_REF": 0, "EKF2_RNG_CTRL": 1}, False),  # the barometer's
+        (PX4, {"EKF2_HGT_REF": 0, "EKF2_RNG_CTRL": 2}, False),  # the barometer's
         (PX4, {"EKF2_HGT_REF": None, "EKF2_RNG_CTRL": None}, False),
         (ARDUPILOT, {"EK3_SRC1_POSZ": 2, "RNGFND1_ORIENT": 25, "RNGFND1_TYPE": 20}, True),
         (ARDUPILOT, {"EK3_SRC1_POSZ": 2, "RNGFND1_ORIENT": 0, "RNGFND1_TYPE": 20}, False),  # it looks ahead

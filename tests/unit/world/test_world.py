@@ -8,9 +8,13 @@ import math
 import numpy as np
 import pytest
 
+from companion.mavlink.makes.ardupilot import ARDUPILOT
+from companion.mavlink.makes.px4 import PX4
 from mission.common.frames import Vec3
 from mission.document.model import Mission, Placement
-from sim_bridge.world.world import spawn_points
+from sim_bridge.world.airframe.point_mass import PointMass
+from sim_bridge.world.autopilot.vehicle import PROFILES
+from sim_bridge.world.world import World, spawn_points
 from tests.unit.core.core_kit import mission
 
 SIZES = [1, 2, 3, 4, 7, 12, 50]
@@ -99,3 +103,13 @@ def test_random_places_leave_nobody_out_of_range(n: int) -> None:
             joined += near
             rest = [other for other in rest if other not in near]
         assert not rest, f"seed {seed}"
+
+
+@pytest.mark.parametrize("range_finder", [True, False])
+def test_what_preflight_asks_for_layers_of_height_is_set_where_range_finders_are(range_finder: bool) -> None:
+    flown = mission(swarm={"size": 2}, sim={"range_finder": range_finder, "personalities": {1: "ardupilot"}})
+    vehicles = World(flown, lambda _frame, place, _seed: PointMass(place, 0.0), links=PROFILES).vehicles
+    for vehicle_id, make in ((1, ARDUPILOT), (2, PX4)):
+        held = vehicles[vehicle_id].autopilot.parameters
+        (aid,) = make.height_aids
+        assert aid.is_on({name: float(held[name]) for name in aid.names}) is range_finder

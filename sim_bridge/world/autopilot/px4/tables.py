@@ -111,6 +111,8 @@ PARAMETERS: dict[str, int | float] = {
     "COM_SPOOLUP_TIME": 1.0,
     "EKF2_EV_CTRL": 15,
     "EKF2_GPS_CTRL": 7,
+    "EKF2_HGT_REF": 1,  # this and the next: kept, without effect here (sim.range_finder)
+    "EKF2_RNG_CTRL": 1,
     "GF_ACTION": 2,
     "GF_MAX_HOR_DIST": 0.0,
     "GF_MAX_VER_DIST": 0.0,

@@ -36,7 +36,7 @@ def said_of_layers(*layers: tuple[float, float | None], is_steered: bool = True)
 
 
 def test_a_vehicle_says_that_it_leaves_its_height_and_that_it_is_back() -> None:
-    there_and_back = ["to layer 6.0 m: no quorum", "back to layer 8.0 m: quorum"]
+    there_and_back = ["to layer 6.0 m: no quorum", "back to 8.0 m: quorum"]
     assert said_of_layers((30.0, 8.0), (30.0, 6.0), (30.0, 8.0)) == there_and_back
     assert said_of_layers((30.0, None), (30.0, 6.0), (30.0, None)) == there_and_back  # of a formation in space
     assert said_of_layers((30.0, 8.0), (30.0, 6.0), is_steered=False) == []
@@ -45,5 +45,5 @@ def test_a_vehicle_says_that_it_leaves_its_height_and_that_it_is_back() -> None:
 def test_of_a_radio_that_comes_and_goes_layers_are_not_said_each_time() -> None:
     said = said_of_layers(*[(2.0, 6.0), (2.0, 8.0)] * 10, (LAYER_SAID_S + 1.0, 8.0))
     assert len(said) <= 50.0 / LAYER_SAID_S
-    assert said[-1] == "back to layer 8.0 m: quorum"  # what is said last is so
+    assert said[-1] == "back to 8.0 m: quorum"  # what is said last is so
     assert said_of_layers((2.0, 6.0), (2.0, 8.0), (2.0, 6.0), (30.0, 6.0)) == ["to layer 6.0 m: no quorum"]

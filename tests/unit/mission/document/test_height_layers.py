@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from mission.document.height_layers import APART_M, LAYERS_MOST, LIMIT_M, list_layers
 from mission.document.model import Mission
@@ -78,9 +79,47 @@ def test_layers_are_above_level_ground_too() -> None:
     assert list_layers(level(3.0, 0.2, 3.4)) == (3.0, 1.0)
 
 
+SPRUCES = {"density_per_ha": 400}  # crowns from 5.2 m up, trees to 28 m
+
+
+@pytest.mark.parametrize(
+    ("own_m", "low_m", "high_m", "sloping", "says"),
+    [
+        (4.0, 2.0, 6.3, (0.0, 0.0), ""),
+        (
+            4.0,
+            2.0,
+            6.4,
+            (0.0, 0.0),
+            "separation.height_layers = true: makes a layer 6.0 m up, among crowns, the lowest from 5.2 m above the "
+            "ground: fence.altitude_max_m must be less than 6.4 m (fence.altitude_max_m = 6.4)",
+        ),
+        (4.0, 1.6, 6.3, (0.0, 0.0), ""),
+        (4.0, 1.6, 6.4, (0.0, 0.0), "makes a layer 6.0 m up"),
+        (2.6, 1.0, 5.0, (0.0, 0.0), ""),
+        (2.6, 1.0, 5.0, (-0.004, 0.0), "makes a layer 4.6 m up"),  # 5.1 m above the ground at d2
+        (31.0, 28.7, 40.0, (0.0, 0.0), ""),
+        (31.0, 25.0, 40.0, (0.0, 0.0), "fence.altitude_min_m must be more than 26.6 m"),
+    ],
+)
+def test_a_layer_among_the_crowns_of_a_stand_is_refused(
+    own_m: float, low_m: float, high_m: float, sloping: tuple[float, float], says: str
+) -> None:
+    tables: dict[str, Any] = {"forest": {"stand": SPRUCES, "grade": sloping}, "sensing": {}}
+    try:
+        level(own_m, low_m, high_m, **tables)
+        refusal = ""
+    except ValidationError as error:
+        refusal = str(error)
+    assert says in refusal
+    assert bool(says) is bool(refusal), refusal
+    level(own_m, low_m, high_m, **tables, separation={"height_layers": False})
+
+
 def test_only_its_own_where_layers_are_off_or_would_not_be_level() -> None:
     assert list_layers(level(8.0, 3.0, 30.0, separation={"height_layers": False})) == (8.0,)
     assert list_layers(level(8.0, 3.0, 30.0, route={"d2_enu_m": (130.0, 0.0, 12.0)})) == (8.0,)
+    assert list_layers(level(8.0, 3.0, 30.0, swarm={"size": 1})) == (8.0,)
     stop = {"stops": [{"pos_enu_m": (60.0, 0.0, 11.0)}]}
     assert list_layers(level(8.0, 3.0, 30.0, route=stop)) == (8.0,)
     sphere = {"shape": "sphere", "radius_m": 7.0}
