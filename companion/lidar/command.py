@@ -39,8 +39,7 @@ FRESH_MAX: Final = 128
 SILENT_S: Final = 2.0  # without a scan; the motor of one that begins takes as long
 PATIENCE_S: Final = 10.0  # of a check
 VIEW_S: Final = 1.0
-LD_MODELS: Final = ("ld06", "ld19")
-LD_RAYS: Final = 450  # 4,500 a second, 10 turns
+HALF_DEG_RAYS: Final = 720  # a turn
 ANSWERED: Final = 2  # that nobody listens to the one is told when the next is sent
 
 
@@ -265,8 +264,9 @@ def _usage_problem(arguments: argparse.Namespace) -> str:
         return f"--range-m {arguments.range_m:g}: must be above {limits.min_m:g}, and at most {limits.max_m:g}"
     if arguments.raw is not None and (arguments.raw == SensorClass.MULTI_LAYER) is not is_mid360:
         return f"--raw {arguments.raw}: a mid360 is multi-layer, and no other is"
-    if arguments.raw == SensorClass.SCAN_HALF_DEG and arguments.model in LD_MODELS:
-        return f"--raw {arguments.raw}: an {arguments.model} is scan-1deg, of {LD_RAYS} rays a turn, not 720"
+    rays = MODELS[arguments.model].rays_a_turn
+    if arguments.raw == SensorClass.SCAN_HALF_DEG and rays is not None and rays < HALF_DEG_RAYS:
+        return f"--raw {arguments.raw}: an {arguments.model} is scan-1deg, of {rays} rays a turn, not {HALF_DEG_RAYS}"
     if arguments.band_m is not None and not is_mid360:
         return f"--band-m: is for a mid360; a {arguments.model} measures in one plane"
     return _configure_problem(arguments)

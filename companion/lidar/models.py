@@ -20,16 +20,18 @@ class Model:
     title: str
     limits: Limits
     make: Callable[[], Driver]
+    rays_a_turn: int | None = None  # where they are known, at 10 turns a second
 
 
 _LD = Limits(0.02, 12.0)
+_LD_RAYS: Final = 450  # 4,500 a second
 # To add one: its driver beside these (driver.py is the contract), and a line here.
 MODELS: Final[dict[str, Model]] = {
     "rplidar-a": Model("Slamtec RPLIDAR A1, A2, A3", Limits(0.15, 12.0), RpLidar),
     # 16 bits of 1/4 mm end at 16.4 m, however far an S sees
     "rplidar-s": Model("Slamtec RPLIDAR S1, S2", Limits(0.2, 16.0), RpLidar),
-    "ld06": Model("LDROBOT LD06", _LD, LdLidar),
-    "ld19": Model("LDROBOT LD19", _LD, LdLidar),
+    "ld06": Model("LDROBOT LD06", _LD, LdLidar, _LD_RAYS),
+    "ld19": Model("LDROBOT LD19", _LD, LdLidar, _LD_RAYS),
     # 200,000 points/s that never repeat: in 0.1 s some 270 for each sector
     "mid360": Model("Livox Mid-360", Limits(0.1, 40.0, period_s=0.1), Mid360),
 }
