@@ -121,7 +121,7 @@ class NetworkPartition:
             self._layer_m = None
         elif self._whole_s is None:
             if lease is not None and not lease.quorum and self.partitioned_s(now_s) >= LAYER_AFTER_S:
-                self._layer_m = choose_layer(self._layers, lease.leader)
+                self._layer_m = choose_layer(self._layers, lease.leader, self._layer_m)
         elif now_s - self._whole_s >= REJOINED_S and self._is_way_free(picture):
             self._layer_m = None
         if self._layer_m is None and picture.is_steered:
@@ -267,9 +267,14 @@ class SearchingPartition(NetworkPartition):
         return "" if self.recovery.goal is None else f": {self.recovery.stage.value}"
 
 
-def choose_layer(layers: Sequence[float], leader: int) -> float:
-    """The layer of a part without the majority, which `leader` leads: any but the mission's own, `layers[0]`."""
-    return layers[1 + leader % (len(layers) - 1)]
+def choose_layer(layers: Sequence[float], leader: int, now_m: float | None = None) -> float:
+    """The layer of a part without the majority, which `leader` leads: any but the mission's own, `layers[0]`.
+
+    From a layer it has, `now_m`, none on the other side of the mission's own: others that it does not hear are there.
+    """
+    own_m = layers[0]
+    others = [one for one in layers[1:] if now_m is None or (one > own_m) is (now_m > own_m)]
+    return others[leader % len(others)]
 
 
 def choose_turn(layers: Sequence[float], leader: int) -> int:

@@ -251,6 +251,22 @@ def test_part_keeps_its_layer_until_it_goes_back_whoever_leads_when_it_has_the_m
     assert set(heights_m) == {8.0, 6.0}
 
 
+def test_another_leader_takes_no_part_past_the_missions_height() -> None:
+    """Leader 3's layer is the one above: the way there would lead through the majority, which it does not hear."""
+    tables: dict[str, Any] = {"fence": {"altitude_min_m": 5.0}, "separation": {"height_layers": True}}
+    spec = mission(sensing={}, swarm={"size": 3}, **tables)
+    own_m, lower_m, higher_m = list_layers(spec)
+    assert lower_m < own_m < higher_m
+    for first, then, layer_m in ((2, 3, lower_m), (3, 2, higher_m)):
+        parts, heights_m = build_partition(spec), list[float | None]()
+        for k in range(round(6.0 / PERIOD_S)):
+            now = picture(now_s=100.0 + PERIOD_S * k, state=FlightState.TRANSIT, airborne=True)
+            said = replace(lease(first if k < 30 else then, established=True), quorum=False)
+            parts.update_quorum(now, said)
+            heights_m.append(parts.update_layer(now, said))
+        assert set(heights_m) == {own_m, layer_m}
+
+
 @pytest.mark.parametrize(
     ("changes", "state", "held_m"),
     [
