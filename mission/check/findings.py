@@ -17,7 +17,9 @@ from mission.document.barometer import HEIGHT_SD_M, find_lacking_room
 from mission.document.height_layers import (
     APART_M,
     LIMIT_M,
+    OVER_BUSHES_M,
     find_room_m,
+    find_room_over_ground_m,
     find_slope,
     highest_ground_m,
     list_layers,
@@ -122,10 +124,12 @@ def _layers(mission: Mission) -> Iterator[str]:
     own_m, *others_m = list_layers(mission)
     if others_m:
         heights = " and ".join(f"{height_m:.1f}" for height_m in others_m)
-        yield (
-            f"{1 + len(others_m)} layers of height: the mission's, {own_m:g} m, and {heights} m; parts without the "
-            "majority may share one"
-        )
+        shared = "parts without the majority may share one"
+        if mission.swarm.size == 2 and len(others_m) == 1:
+            shared = "two that part have no majority, and share the other: nothing keeps them apart by height"
+        elif mission.swarm.size % 2 == 0:
+            shared += ", and of two halves neither has it"
+        yield f"{1 + len(others_m)} layers of height: the mission's, {own_m:g} m, and {heights} m; {shared}"
         if not mission.sim.range_finder and mission.sim.estimates is not Estimates.EXACT:
             yield (
                 f"heights by a barometer, wrong by up to {HEIGHT_SD_M:g} m rms: those of two err by more than layers "
@@ -144,7 +148,9 @@ def _why_one_layer(mission: Mission) -> str:
     limit = f"{LIMIT_M:g} m above fence.altitude_min_m"
     if low_m > mission.fence.altitude_min_m + LIMIT_M:
         ground_m = highest_ground_m(mission)
-        limit = f"{TAKEOFF_CLEAR_M:g} m above the ground, {ground_m:.1f} m up within {spread_m(mission):g} m of the way"
+        above_m = find_room_over_ground_m(mission)
+        bushes = "" if above_m == TAKEOFF_CLEAR_M else f", {OVER_BUSHES_M:g} m above the undergrowth"
+        limit = f"{above_m:g} m above the ground{bushes}, {ground_m:.1f} m up within {spread_m(mission):g} m of the way"
     room = f"{low_m:.1f} m ({limit}) to {high_m:.1f} m ({LIMIT_M:g} m below fence.altitude_max_m)"
     own_m = mission.route.d1_enu_m[2]
     return f"as another would be {APART_M:g} m below or above the mission's, {own_m:g} m, and there is room from {room}"

@@ -17,6 +17,7 @@ from mission.schema.tables import CoverageShape, MissionTables
 SAME_HEIGHT_M: Final = 1.5  # two whose heights differ by less are beside each other: a hull, and downwash
 APART_M: Final = 2.0  # between two layers: that, and what two heights held by range finders are off
 LIMIT_M: Final = 0.4  # from the fence's altitudes: more than the safety filter keeps
+OVER_BUSHES_M: Final = 0.8  # a hull's half, what its height is off by over their tops, and a hand's breadth
 LAYERS_MOST: Final = 3
 
 
@@ -71,10 +72,20 @@ def find_slope(mission: MissionTables) -> str:
 
 
 def find_room_m(mission: MissionTables) -> tuple[float, float]:
-    """Lowest and highest height of a layer: inside the fence's altitudes, above the ground as d1 and d2 have to be."""
+    """Lowest and highest height of a layer: inside the fence's altitudes, above the ground as d1 and d2 have to be.
+
+    And above the undergrowth of a generated stand.
+    """
     fence = mission.fence
-    low_m = max(fence.altitude_min_m + LIMIT_M, highest_ground_m(mission) + TAKEOFF_CLEAR_M)
+    low_m = max(fence.altitude_min_m + LIMIT_M, highest_ground_m(mission) + find_room_over_ground_m(mission))
     return low_m, fence.altitude_max_m - LIMIT_M
+
+
+def find_room_over_ground_m(mission: MissionTables) -> float:
+    """Height above the ground that every layer has: that of d1 and d2, or OVER_BUSHES_M above the undergrowth."""
+    stand = mission.forest.stand
+    bushes_m = 0.0 if stand is None or stand.undergrowth_per_ha == 0.0 else stand.undergrowth_height_m + OVER_BUSHES_M
+    return max(TAKEOFF_CLEAR_M, bushes_m)
 
 
 def highest_ground_m(mission: MissionTables) -> float:

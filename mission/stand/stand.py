@@ -20,6 +20,7 @@ from mission.schema.boxes import StandBox
 from mission.schema.forest import Tree
 from mission.schema.trees import StandTree
 from mission.stand.generate import generate_stand
+from mission.stand.layers import layer_problems
 
 if TYPE_CHECKING:
     from mission.stems.stem_map import StemMap
@@ -144,7 +145,8 @@ def mapped_stems(
 def map_problems(mission: Mission, stems: StemMap) -> Iterator[Problem]:
     """Trees of a stem map that stand where vehicles start, or at d2 or a stop reach beyond `coverage.keep_out_m`.
 
-    And trees that the mission names which are not there, or not where it has d1 and d2.
+    And trees that the mission names which are not there, or not where it has d1 and d2, and those that its layers of
+    height are among.
     """
     named = mission.route.model_dump(include={*POINTS, *POINTS.values()})
     for name, message in tree_problems(named, stems):
@@ -166,6 +168,7 @@ def map_problems(mission: Mission, stems: StemMap) -> Iterator[Problem]:
                 reach = f"reaches {off_m + tree.radius_m:.2f} m from {name_of(point)}"
                 message = f"{reach}: must be at most coverage.keep_out_m = {keep_out_m:g}"
                 yield Problem(stems.place, line, key, "", message)
+    yield from layer_problems(mission, stems)
 
 
 def _is_ringed(mission: Mission, tree: StandTree) -> bool:

@@ -49,20 +49,34 @@ def test_check_tells_of_a_forest_that_vehicles_do_not_see(tmp_path: Path, capsys
 
 
 @pytest.mark.parametrize(
-    ("crown_base_share", "altitude_max_m", "told"),
+    ("crown_base_share", "altitude_max_m", "size", "told"),
     [
-        ("", 5.2, "2 layers of height: the mission's, 4.4 m, and 2.4 m; parts without the majority may share one"),
+        ("", 5.2, 7, "2 layers of height: the mission's, 4.4 m, and 2.4 m; parts without the majority may share one"),
         (
             "crown_base_share = 0.8\n",
             8.0,
-            "3 layers of height: the mission's, 4.4 m, and 2.4 and 6.4 m; parts without the majority may share one",
+            8,
+            "3 layers of height: the mission's, 4.4 m, and 2.4 and 6.4 m; parts without the majority may share one, "
+            "and of two halves neither has it",
+        ),
+        (
+            "",
+            5.2,
+            2,
+            "2 layers of height: the mission's, 4.4 m, and 2.4 m; two that part have no majority, and share the other: "
+            "nothing keeps them apart by height",
         ),
     ],
 )
 def test_check_names_the_layers_of_height(
-    crown_base_share: str, altitude_max_m: float, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    crown_base_share: str,
+    altitude_max_m: float,
+    size: int,
+    told: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    text = (EXAMPLES / "natural_stand.toml").read_text()
+    text = (EXAMPLES / "natural_stand.toml").read_text().replace("size = 8", f"size = {size}")
     layered = tmp_path / "layered.toml"
     text = text.replace("altitude_min_m = 2.0", "altitude_min_m = 1.6")
     higher = text.replace("altitude_max_m = 5.2", f"altitude_max_m = {altitude_max_m}")

@@ -124,3 +124,10 @@ def test_only_its_own_where_layers_are_off_or_would_not_be_level() -> None:
     assert list_layers(level(8.0, 3.0, 30.0, route=stop)) == (8.0,)
     sphere = {"shape": "sphere", "radius_m": 7.0}
     assert list_layers(level(12.0, 3.0, 30.0, coverage=sphere)) == (12.0,)
+
+
+@pytest.mark.parametrize(("bushes_m", "per_ha", "lower"), [(1.5, 800.0, True), (1.7, 800.0, False), (1.7, 0.0, True)])
+def test_none_in_the_undergrowth_of_a_stand(bushes_m: float, per_ha: float, lower: bool) -> None:
+    stand = {"density_per_ha": 400, "undergrowth_per_ha": per_ha, "undergrowth_height_m": bushes_m}
+    layers = list_layers(level(4.4, 2.0, 5.2, forest={"stand": stand}, sensing={}))
+    assert layers == pytest.approx((4.4, 2.4) if lower else (4.4,))
