@@ -11,7 +11,7 @@ from typing import Final, final
 
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.safety.bounds import Bound
-from companion.core.safety.response_model import CALM, CREEP_MPS, DEAD_S, Disturbance, ResponseModel
+from companion.core.safety.response_model import CALM, CREEP_MPS, DEAD_S, SPEED_MARGIN_S, Disturbance, ResponseModel
 
 COURSES: Final = 30  # to either side of the desired
 COURSE_STEP_RAD = math.radians(5.0)
@@ -80,7 +80,7 @@ class CoursePlanner:
         free_m = self._free_ways(cloud, disturbance, vel, heading, wider_m + beyond_m, reach_m)
         self.ahead_m = free_m[COURSES]
         costs = self._costs(desired_mps, heading, free_m, reach_m, bounds, beyond_m)
-        passed, wide_m = cloud, 0.0
+        passed: list[LocalObstacleCloud | None] = [None] * len(SPEEDS)
         for _ in range(len(costs)):
             if self.verified >= VERIFIED_MAX:
                 break
@@ -91,17 +91,17 @@ class CoursePlanner:
             if chosen < 0:
                 break
             costs[chosen] = math.inf
-            turn, speed = chosen // len(SPEEDS) - COURSES, SPEEDS[chosen % len(SPEEDS)]
+            turn, z = chosen // len(SPEEDS) - COURSES, chosen % len(SPEEDS)
+            speed_mps = SPEEDS[z] * desired_mps
             angle = heading + turn * COURSE_STEP_RAD
-            tried = (speed * desired_mps * math.cos(angle), speed * desired_mps * math.sin(angle))
+            tried = (speed_mps * math.cos(angle), speed_mps * math.sin(angle))
             if not self._is_way_seen(cloud, tried, vel, disturbance):
                 continue
             self.verified += 1
-            widens_m = wider_m * SPEED_WIDENS[chosen % len(SPEEDS)]
-            if widens_m != wide_m:
-                wide_m = widens_m
-                passed = cloud.widened(wide_m)
-            if self._response.is_clear(passed, vel, last, tried, HOLD_S, slews=True, disturbance=disturbance):
+            wide = passed[z]
+            if wide is None:
+                passed[z] = wide = cloud.widened(wider_m * SPEED_WIDENS[z] + SPEED_MARGIN_S * speed_mps)
+            if self._response.is_clear(wide, vel, last, tried, HOLD_S, slews=True, disturbance=disturbance):
                 self._course = tried
                 side = (turn > 1) - (turn < -1)
                 self.side = side or self.side

@@ -31,6 +31,8 @@ STEP_S: Final = 0.05  # of the roll-out: a tick
 CREEP_MPS: Final = 0.3  # where it sees nothing it goes no faster
 ESCAPE_S: Final = 1.0  # over which ways out are compared when none is clear
 GUST_SHARE: Final = 0.6  # of its change, by which the way to a stop is reckoned with
+# More to be kept from a point for each m/s: velocities are known 0.1 m/s wrong an axis, and turns are flown late
+SPEED_MARGIN_S: Final = 0.05
 
 
 @final

@@ -35,7 +35,7 @@ from companion.core.safety.bounds import (
     to_edges,
 )
 from companion.core.safety.clearance import MARGIN_M, Use, clearance_m
-from companion.core.safety.response_model import BRAKING_SHARE, ResponseModel
+from companion.core.safety.response_model import BRAKING_SHARE, SPEED_MARGIN_S, ResponseModel
 from companion.core.safety.setpoint import Setpoint
 from companion.core.safety.surroundings import Surroundings
 from mission.common.frames import Vec3
@@ -103,7 +103,8 @@ class SafetyFilter:
           those of S contradict one another, who asks it to get away gives first. So no word pushes it at a third one.
 
         With an obstacle sensor it is as much of that v (0..1) as leads to rest clear of all that was seen
-        (`ResponseModel.is_clear`), or level rest: where v points away from a limit or a neighbour, trunks come first. A
+        (`ResponseModel.is_clear`), by SPEED_MARGIN_S of the own speed more than its clearance, or level rest: where v
+        points away from a limit or a neighbour, trunks come first. A
         vehicle that is nearer than it should be by more than GIVES_M desires to get away besides, by OUT_PER_S, as far
         as that v leads clear.
         Braking so leaves the acceleration limit: the setpoint is v, half of v, or in true level motion (with `drift`)
@@ -151,9 +152,10 @@ class SafetyFilter:
         response, drift = self.response, around.drift_ned_mps
         vel = (around.own.vel_ned_mps[0], around.own.vel_ned_mps[1])
         before = (last[0] + drift[0], last[1] + drift[1])
+        passed = around.cloud.widened(SPEED_MARGIN_S * math.hypot(*vel))
         for v in tried:
             flown = (v[0] + drift[0], v[1] + drift[1])
-            if response.is_clear(around.cloud, vel, before, flown, dt_s, slews=False, disturbance=around.disturbance):
+            if response.is_clear(passed, vel, before, flown, dt_s, slews=False, disturbance=around.disturbance):
                 return v
         return self._escape(vel, before, around, limits, tried[0][2])
 

@@ -98,9 +98,19 @@ def test_boxed_in_vehicle_gets_no_course_and_tries_only_so_many() -> None:
 def test_side_once_taken_is_kept_before_a_trunk_dead_ahead() -> None:
     for first in (0.3, -0.3):
         planner = CoursePlanner(STOPPING)
-        taken = course_of(points_at((4.0, first)), planner=planner)
-        again = course_of(points_at((4.0, -first / 6)), planner=planner, vel=taken)
+        taken = course_of(points_at((5.0, first)), planner=planner)
+        again = course_of(points_at((5.0, -first / 6)), planner=planner, vel=taken)
         assert taken[1] * again[1] > 0.0
+
+
+def test_a_trunk_beside_the_way_is_passed_the_wider_the_faster() -> None:
+    """By 0.05 s times the speed beyond its clearance."""
+    points = points_at((2.0, CLEAR_M + 0.1))
+    for mps in (1.0, 3.0):
+        vel = (mps, 0.0)
+        course = CoursePlanner(STOPPING).plan(vel, vel, vel, points, (), wider_m=0.0, reach_m=math.inf, beyond_m=0.0)
+        assert course is not None
+        assert (course == pytest.approx(vel)) is (mps == 1.0)
 
 
 def test_neighbour_that_would_be_closed_on_costs_a_course() -> None:

@@ -261,6 +261,9 @@ class Bare(Asked):
     def find_way_out(self) -> tuple[float, float, float]:
         return 0.0, 0.0, 0.0
 
+    def widened(self, by_m: float) -> Bare:  # noqa: ARG002
+        return self
+
 
 @pytest.mark.parametrize("seed", range(4))
 def test_filter_verifies_what_is_flown_and_not_what_is_told(seed: int) -> None:

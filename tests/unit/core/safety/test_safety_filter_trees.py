@@ -10,7 +10,7 @@ import pytest
 from companion.core.model.events import Position
 from companion.core.model.vectors import ZERO
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
-from companion.core.safety.response_model import DEAD_S
+from companion.core.safety.response_model import DEAD_S, SPEED_MARGIN_S
 from companion.core.safety.safety_filter import AGAINST, SafetyFilter
 from mission.common.frames import Vec3
 from tests.unit.core.core_kit import mission
@@ -20,6 +20,7 @@ OPEN = SafetyFilter.of(mission())
 # north of the vehicle its edge, as near as the safety filter allows
 FENCED = replace(OPEN, polygon_m=((0.3, -30.0), (0.3, 30.0), (-30.0, 30.0), (-30.0, -30.0)))
 CLEAR_M, DT_S = 0.65, 0.05
+KEPT_M = CLEAR_M + SPEED_MARGIN_S * 2.0  # at 2 m/s
 
 
 def apply(
@@ -49,15 +50,25 @@ def way_m(told_mps: float, vel_mps: float = 2.0) -> float:
 
 
 def test_where_the_whole_of_a_setpoint_leads_too_near_half_of_it_is_told() -> None:
-    assert apply(2.0, CLEAR_M + way_m(2.0) + 0.01, vel_mps=2.0) == pytest.approx((2.0, 0.0, 0.0))
-    assert apply(2.0, CLEAR_M + way_m(1.0) + 0.01, vel_mps=2.0) == pytest.approx((1.0, 0.0, 0.0))
-    assert apply(2.0, CLEAR_M + way_m(1.0) - 0.15, vel_mps=2.0)[0] <= 0.0
+    assert apply(2.0, KEPT_M + way_m(2.0) + 0.01, vel_mps=2.0) == pytest.approx((2.0, 0.0, 0.0))
+    assert apply(2.0, KEPT_M + way_m(1.0) + 0.01, vel_mps=2.0) == pytest.approx((1.0, 0.0, 0.0))
+    assert apply(2.0, KEPT_M + way_m(1.0) - 0.15, vel_mps=2.0)[0] <= 0.0
+
+
+@pytest.mark.parametrize(("aside_m", "passes"), [(CLEAR_M + 0.10, False), (CLEAR_M + 0.16, True)])
+def test_a_trunk_is_passed_the_wider_the_faster(aside_m: float, passes: bool) -> None:
+    """At 3 m/s by 0.15 m more: a velocity that is known wrong, or a turn that is late, leads so far aside."""
+    for mps, clear in ((3.0, passes), (1.0, True)):
+        points, own = LocalObstacleCloud(7.35, [False] * 72), Position((0.0, 0.0, -8.0), (mps, 0.0, 0.0))
+        points.add_points([2.0], [aside_m], CLEAR_M)
+        flown = applied(OPEN, (mps, 0.0, 0.0), (mps, 0.0, 0.0), own, [], [], dt_s=DT_S, points=points)
+        assert (flown == pytest.approx((mps, 0.0, 0.0))) is clear
 
 
 def test_what_the_wind_adds_counts_in_what_a_setpoint_leads_to() -> None:
     """Told 1 m/s it flies 2, told 0.5 it flies 1.5."""
-    assert apply(2.0, CLEAR_M + way_m(2.0) + 0.01, vel_mps=2.0, drift_mps=1.0) == pytest.approx((1.0, 0.0, 0.0))
-    assert apply(2.0, CLEAR_M + way_m(1.5) + 0.01, vel_mps=2.0, drift_mps=1.0) == pytest.approx((0.5, 0.0, 0.0))
+    assert apply(2.0, KEPT_M + way_m(2.0) + 0.01, vel_mps=2.0, drift_mps=1.0) == pytest.approx((1.0, 0.0, 0.0))
+    assert apply(2.0, KEPT_M + way_m(1.5) + 0.01, vel_mps=2.0, drift_mps=1.0) == pytest.approx((0.5, 0.0, 0.0))
 
 
 def test_vehicle_that_comes_too_near_brakes_harder_than_rest_but_not_out_of_the_fence() -> None:
