@@ -46,7 +46,7 @@ class LdLidar:
         self.notes: list[str] = []
         self._buffer = b""
         self._in_step = True
-        self._before_cdeg = TURN_CDEG
+        self._front_cdeg: int | None = None  # the farthest round: packets may overlap
 
     def poll(self, _now_s: float) -> bytes:
         """Nothing, ever."""
@@ -75,5 +75,11 @@ class LdLidar:
         step_cdeg = (end_cdeg - start_cdeg) % TURN_CDEG / (POINTS - 1)
         for k in range(POINTS):
             at_cdeg = round(start_cdeg + k * step_cdeg) % TURN_CDEG
-            yield at_cdeg, points[2 * k] / 1000.0, 0.0, at_cdeg < self._before_cdeg
-            self._before_cdeg = at_cdeg
+            yield at_cdeg, points[2 * k] / 1000.0, 0.0, self._passes_zero(at_cdeg)
+
+    def _passes_zero(self, at_cdeg: int) -> bool:
+        """True for the first point of a revolution; one that goes back by less than half a turn begins none."""
+        front_cdeg = at_cdeg if self._front_cdeg is None else self._front_cdeg
+        is_ahead = (at_cdeg - front_cdeg) % TURN_CDEG < TURN_CDEG // 2
+        self._front_cdeg = at_cdeg if is_ahead else front_cdeg
+        return is_ahead and at_cdeg < front_cdeg

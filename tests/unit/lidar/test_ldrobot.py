@@ -27,8 +27,25 @@ def test_checksums_agree() -> None:
 def test_points_lie_evenly_between_start_and_end_and_a_revolution_starts_where_they_cross_zero() -> None:
     found = list(LdLidar().decode(ld_packet(340.0, 351.0, [1.0] * 12) + ld_packet(352.0, 3.0, [0.0] * 12)))
     assert [azimuth for azimuth, *_ in found] == [*range(34000, 36000, 100), 0, 100, 200, 300]
-    assert [starts for *_, starts in found] == [True, *[False] * 19, True, False, False, False]
+    assert [starts for *_, starts in found] == [*[False] * 20, True, False, False, False]
     assert {range_m for _, range_m, _, _ in found[12:]} == {0.0}
+
+
+def test_packets_that_overlap_begin_no_revolution() -> None:
+    """By a degree where one in seven begins, also at the seam."""
+    lidar, at_deg, starts_deg = LdLidar(), 90.0, []
+    for packet in range(7 * 38):
+        at_deg -= 1.0 if packet % 7 == 0 else 0.0
+        data = ld_packet(at_deg % 360.0, (at_deg + 11.0) % 360.0, [3.0] * 12)
+        starts_deg += [azimuth / 100.0 for azimuth, _, _, starts in lidar.decode(data) if starts]
+        at_deg += 12.0
+    turns = int(at_deg // 360.0)
+    assert starts_deg == pytest.approx([0.0] * turns, abs=1.0)
+
+
+def test_an_overlap_at_the_seam_begins_one_revolution() -> None:
+    data = b"".join(ld_packet(at_deg, (at_deg + 11.0) % 360.0, [3.0] * 12) for at_deg in (336.0, 350.0, 359.0, 10.0))
+    assert [azimuth for azimuth, _, _, starts in LdLidar().decode(data) if starts] == [0]
 
 
 @pytest.mark.parametrize("size", [1, 2, 46, 48])
