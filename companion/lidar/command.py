@@ -128,8 +128,8 @@ class Reader(Generic[Told]):
                 "of a Mid-360: is one at this port? Its data type and return mode (Livox Viewer 2), or --configure"
             )
         return (
-            f"no scan in {self._bytes} bytes received at {self._url}, {self._driver.bad} times out of step: is --model "
-            "right, and the baud rate? Does it turn?"
+            f"no scan in {self._bytes} bytes received at {self._url}, {self._driver.bad} of them part of no packet: is "
+            "--model right, and the baud rate? Does it turn?"
         )
 
     def _read_control(self) -> None:

@@ -14,7 +14,7 @@ Return = tuple[int, float, float, bool]
 class Driver(Protocol):
     """One lidar. Nothing raises, whatever the bytes; at most one packet and one read are kept."""
 
-    bad: int  # times that bytes were dropped until a packet was found again
+    bad: int  # bytes that are part of no packet, of a lidar on Ethernet datagrams
     notes: list[str]  # what the lidar said of itself, for the log; the reader empties it
 
     def poll(self, now_s: float) -> bytes:

@@ -45,7 +45,6 @@ class LdLidar:
         self.bad = 0
         self.notes: list[str] = []
         self._buffer = b""
-        self._in_step = True
         self._front_cdeg: int | None = None  # the farthest round: packets may overlap
 
     def poll(self, _now_s: float) -> bytes:
@@ -60,10 +59,10 @@ class LdLidar:
             packet = buffer[at : at + PACKET_BYTES]
             if packet.startswith(HEADER) and crc8(packet[:-1]) == packet[-1]:
                 yield from self._points(packet)
-                at, self._in_step = at + PACKET_BYTES, True
+                at += PACKET_BYTES
             else:
-                self.bad += self._in_step
-                at, self._in_step = at + 1, False
+                self.bad += 1
+                at += 1
         self._buffer = buffer[at:]
 
     def shutdown(self) -> bytes:

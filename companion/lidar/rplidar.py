@@ -90,7 +90,6 @@ class RpLidar:
                     at += _SAMPLE_BYTES
                     continue
                 self._locked = False
-                self.bad += 1
             taken = self._synchronise(buffer, at)
             if not taken and not self._locked:
                 break
@@ -116,7 +115,10 @@ class RpLidar:
             return 0
         samples = range(at, at + LOCK_SAMPLES * _SAMPLE_BYTES, _SAMPLE_BYTES)
         self._locked = all(_is_sample(buffer, sample) for sample in samples)
-        return 0 if self._locked else 1
+        if self._locked:
+            return 0
+        self.bad += 1
+        return 1
 
     def _note_answer(self, descriptor: bytes, body: bytes) -> None:
         if descriptor == _SCANNING:

@@ -62,8 +62,14 @@ def test_a_packet_with_a_wrong_byte_is_dropped_alone() -> None:
     data[47 * 3 + 20] ^= 0x10
     lidar = LdLidar()
     found = list(lidar.decode(bytes(data)))
-    assert (len(found), lidar.bad) == (456 - 12, 1)
+    assert (len(found), lidar.bad) == (456 - 12, 47)
     assert {range_m for _, range_m, _, _ in found} == {4.0}
+
+
+def test_bytes_of_garbage_are_counted() -> None:
+    lidar = LdLidar()
+    assert not list(lidar.decode(b"\x00\xff\x55" * 200))
+    assert lidar.bad == 600 - 46
 
 
 def test_it_is_never_spoken_to() -> None:
