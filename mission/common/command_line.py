@@ -6,10 +6,13 @@ import argparse
 import re
 import sys
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any, NoReturn
 
 _CHOICE = re.compile(r"invalid choice: '?([^' ]*)'? \(choose from (.*)\)", re.DOTALL)
 _NAME = re.compile(r"[\w-]+")
+_NO_VALUE = re.compile(r"argument (\S+): expected one argument")
+_BELOW_ZERO = re.compile(r"-[\d.]")  # argparse knows a negative number, but nothing else that begins like one
 CLOSE = 0.6  # as like as two names must be
 
 
@@ -45,9 +48,16 @@ class Parser(argparse.ArgumentParser):
         wrong = _CHOICE.search(message)
         if wrong:
             message += _nearest(wrong[1], _NAME.findall(wrong[2]))
+        elif no_value := _NO_VALUE.match(message):
+            message += self._join_hint(no_value[1].split("/"))
         elif message.startswith("the following arguments are required"):  # one of which may be there, misspelt
             message += self._hint(self._words)
         super().error(message)
+
+    def _join_hint(self, flags: Sequence[str]) -> str:
+        """The option of these that is followed by a value taken for an option, as it is to be written."""
+        given = (pair for pair in pairwise(self._words) if pair[0] in flags and _BELOW_ZERO.match(pair[1]))
+        return next((f"; a value that begins with - is written {flag}={value}" for flag, value in given), "")
 
     def _hint(self, words: Sequence[str]) -> str:
         """Option that the first unknown of `words` that is like one is meant for."""

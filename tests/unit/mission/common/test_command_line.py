@@ -58,6 +58,8 @@ def test_the_help_of_each_command_has_two_examples_that_parse(prog: str) -> None
         ("mission forest mkae --out x.csv", "; did you mean make?"),
         ("companion run --mision m.toml", "--peers; did you mean --mission?"),
         ("companion docter", "; did you mean doctor?"),
+        ("companion lidar --mask -10..10", "; a value that begins with - is written --mask=-10..10"),
+        ("companion lidar --band-m -.5...5 --check", "; a value that begins with - is written --band-m=-.5...5"),
         ("sim-bridge fly m.toml --sed 3", "unrecognized arguments: --sed 3; did you mean --seed?"),
         ("sim-bridge fly m.toml --agents proceses", "; did you mean processes?"),
         ("sim-bridge report runs/a --agains runs/b", "arguments: --agains runs/b; did you mean --against?"),
