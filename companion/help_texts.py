@@ -109,7 +109,7 @@ The companion hears it with --sensor obstacles=udpin://127.0.0.1:14570. (--mask=
 A lidar that is unplugged is waited for. docs/how-to/connect-a-lidar.md has wiring, mounting and the check.
 
 exit codes: 0 ended by SIGINT or SIGTERM, or the check has passed, 1 the check has not, 2 wrong usage, 3 a port that
-cannot be opened, or a check in which nothing is received
+cannot be opened, or a check in which nothing is received, 130 a check ended by SIGINT or SIGTERM
 """
 
 BASE = """\

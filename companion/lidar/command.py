@@ -32,6 +32,7 @@ from mission.common.signals import Stop
 from mission.schema.kinds import RAW_LIDARS, SensorClass
 
 EXIT_FAIL: Final = 1
+EXIT_INTERRUPTED: Final = 130  # a check that a signal ended
 WAIT_S: Final = 0.02  # the shortest pause between two requests of a driver
 READS_PER_TURN: Final = 512  # a Mid-360 sends 2,100 datagrams/s
 # Of these, the newest that are decoded: a computer that is too slow sees fewer points, not older ones.
@@ -237,6 +238,9 @@ def _check(arguments: argparse.Namespace, limits: Limits, mounting: Mounting, op
         if time.monotonic() - reader.scanned_s > PATIENCE_S:
             return _refused(EXIT_ENVIRONMENT, reader.describe_silence())
     reader.stop_lidar()
+    if walk.passed is None:
+        _show(["STOPPED: the check was not walked to its end"])
+        return EXIT_INTERRUPTED
     return EXIT_DONE if walk.passed else EXIT_FAIL
 
 

@@ -300,6 +300,20 @@ def test_a_check_with_another_baud_rate_or_model_says_so(
     assert int(found[1]) - 46 <= int(found[2]) <= int(found[1])  # the last may yet be the beginning of one
 
 
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_check_that_is_stopped_has_not_failed(opened: ExitStack, number: signal.Signals) -> None:
+    pty = Pty(opened)
+    with child("--check", "--model", "ld19", "--lidar", f"serial://{pty.path}:230400") as (process, stderr):
+        with fed(lambda: pty.write(ld_revolution(everywhere(4.0)))):
+            assert any("scans arrive" in line for line in iter(stderr.readline, ""))
+            process.send_signal(number)
+            assert process.wait(LIMIT_S) == 130
+        assert process.stdout is not None
+        said = process.stdout.read()
+    assert "STOPPED: the check was not walked to its end" in said
+    assert "FAIL" not in said
+
+
 @pytest.mark.parametrize(("turned_deg", "code", "verdict"), [(0.0, 0, "PASS"), (90.0, 1, "try --yaw-deg 270")])
 def test_a_check_walks_one_round_the_vehicle(
     opened: ExitStack, capsys: pytest.CaptureFixture[str], turned_deg: float, code: int, verdict: str
