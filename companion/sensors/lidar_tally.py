@@ -82,11 +82,14 @@ class LidarTally(ScanTally):
         wanted = f"{finding.wanted}, rays {lidar.step_deg:g} deg apart"
         if len(wanted_deg) > 1:
             wanted += f", {len(wanted_deg)} layers, {wanted_deg[0]:g} to {wanted_deg[-1]:g} deg up"
+        has_too_few = len(layers_deg) < LAYERS_MIN_SHARE * len(wanted_deg)
+        is_turned = abs(max(layers_deg) - wanted_deg[-1]) > TURNED_DEG and not has_too_few
         problems = {
             "its rays are farther apart than those of sensing.sensor": max(sensor.step_deg for sensor in own)
             > STEP_MAX_SHARE * lidar.step_deg,
-            "fewer layers than sensing.sensor has": len(layers_deg) < LAYERS_MIN_SHARE * len(wanted_deg),
-            "is it mounted as sensing.upside_down has it?": abs(max(layers_deg) - wanted_deg[-1]) > TURNED_DEG,
+            "fewer layers than sensing.sensor has": has_too_few,
+            "is it mounted as sensing.upside_down has it?": is_turned and len(wanted_deg) > 1,
+            "its layers are not level, as that of sensing.sensor is": is_turned and len(wanted_deg) == 1,
         }
         fixes = [finding.fix, *(text for text, there in problems.items() if there)]
         return replace(finding, wanted=wanted, fix="; ".join(fix for fix in fixes if fix))

@@ -173,6 +173,24 @@ def test_lidar_that_will_not_do_fails_with_what_to_mend(check: Any, fix: str) ->
     assert fix in told.fix
 
 
+@pytest.mark.parametrize(
+    ("check", "fix"),
+    [
+        (lambda: turns(0.0, sensor="multi-layer", range_m=12.0), "fewer layers than sensing.sensor has"),
+        (
+            lambda: turns(*LAYERS_DEG, sensor="scan-1deg", range_m=12.0),
+            "its layers are not level, as that of sensing.sensor is",
+        ),
+        (
+            lambda: turns(*LAYERS_DEG, sensor="multi-layer", range_m=12.0, upside_down=True),
+            "is it mounted as sensing.upside_down has it?",
+        ),
+    ],
+)
+def test_of_layers_that_will_not_do_only_what_fits_is_said(check: Any, fix: str) -> None:
+    assert check().fix == fix
+
+
 # --- range radio ------------------------------------------------------------------------------------------------------
 
 
