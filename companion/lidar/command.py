@@ -22,7 +22,7 @@ from companion.lidar.rays import RayScan
 from companion.lidar.sectors import Limits, SectorScan, obstacle_distance
 from companion.lidar.walk_around import WalkAround
 from companion.mavlink.framing import wire
-from companion.mavlink.lidar_scan import LIDAR_SCAN_ID
+from companion.mavlink.lidar_scan import LIDAR_SCAN_ID, RAYS_MIN_SHARE
 from companion.sensors.view import BAND_M, describe_view
 from companion.shell.links import Link, LinkError, open_link, resolved
 from companion.shell.urls import Scheme, Url, UrlError, is_ipv4, parse_url
@@ -175,14 +175,19 @@ def _send(arguments: argparse.Namespace, limits: Limits, mounting: Mounting, ope
         return sender.frame(LIDAR_SCAN_ID, payload)
 
     if arguments.raw is None:
-        _forward(_open_reader(arguments, SectorScan(limits, mounting), opened), frame_sectors, arguments, opened)
+        _forward(_open_reader(arguments, SectorScan(limits, mounting), opened), frame_sectors, arguments, opened, None)
     else:
         rays = RayScan(limits, mounting, RAW_LIDARS[SensorClass(arguments.raw)])
-        _forward(_open_reader(arguments, rays, opened), frame_rays, arguments, opened)
+        count = RayCount(rays, arguments.raw)
+        _forward(_open_reader(arguments, rays, opened), frame_rays, arguments, opened, count)
 
 
 def _forward(
-    reader: Reader[Told], frame: Callable[[Told], bytes], arguments: argparse.Namespace, opened: ExitStack
+    reader: Reader[Told],
+    frame: Callable[[Told], bytes],
+    arguments: argparse.Namespace,
+    opened: ExitStack,
+    count: RayCount | None,
 ) -> None:
     out = open_link(arguments.to)
     opened.callback(out.close)
@@ -195,10 +200,33 @@ def _forward(
             sent += 1
         if time.monotonic() >= due_s:
             due_s = time.monotonic() + SILENT_S
-            change = refusals.update(sent, out.errors)
-            if change:
-                log_line(change)
+            for change in (refusals.update(sent, out.errors), count.update() if count else ""):
+                if change:
+                    log_line(change)
     reader.stop_lidar()
+
+
+class RayCount:
+    """Says when too few of a turn's rays are sampled for the class that is sent, and when enough are again.
+
+    They are sent nevertheless: in flight a lidar with gaps is better than none, and before it the preflight fails.
+    """
+
+    def __init__(self, rays: RayScan, raw: str) -> None:
+        self._rays, self._raw = rays, raw
+        self._is_short = False
+
+    def update(self) -> str:
+        """A line that follows from the turns since the last call, or ""."""
+        counted = self._rays.take_rays_a_turn()
+        is_short = self._is_short if counted is None else counted[0] < RAYS_MIN_SHARE * counted[1]
+        if counted is None or is_short is self._is_short:
+            return ""
+        self._is_short = is_short
+        found = f"{counted[0]} of {counted[1]} rays a turn are sampled"
+        if not is_short:
+            return f"{found}: enough for --raw {self._raw}"
+        return f"{found}: ERROR, too few for --raw {self._raw}, no preflight passes; more samples, or a coarser class"
 
 
 class Refusals:

@@ -46,7 +46,18 @@ class RayScan:
         self._began_s: float | None = None  # the turn, or the frame
         self._lasts_s: float | None = None  # the turn before
         self._arc = -1
+        self._sampled = 0  # rays of the turn
+        self._sampled_before = self._turns_before = 0  # in turns that were whole, and how many these were
         self._clear_cells()
+
+    def take_rays_a_turn(self) -> tuple[int, int] | None:
+        """Rays that were sampled in a turn, the mean since the last call, and all that a turn has; None: no turn was.
+
+        Rays that the mounting masks count as any other.
+        """
+        sampled, turns = self._sampled_before, self._turns_before
+        self._sampled_before = self._turns_before = 0
+        return (round(sampled / turns), self._count) if turns else None
 
     def update(self, returns: Iterable[Return], now_s: float) -> list[bytes]:
         """Pieces that these complete. `now_s`: when they were read, monotonic."""
@@ -76,11 +87,16 @@ class RayScan:
                 rays = min(PIECE_RAYS, self._count - self._arc * PIECE_RAYS)
                 piece = self._piece(0, self._arc, now_s - (rays - 1) * ray_time_s, ray_time_s)
                 found += [] if piece is None else [piece]
+            self._sampled += self._count - self._nearest_m[0].count(UNSEEN)
             self._clear_cells()
             self._arc = arc
         if starts:
             lasted_s = math.inf if self._began_s is None else now_s - self._began_s
             self._lasts_s = lasted_s if lasted_s <= SCAN_MAX_S else None
+            if self._lasts_s is not None:
+                self._sampled_before += min(self._sampled, self._count)
+                self._turns_before += 1
+            self._sampled = 0
             self._began_s = now_s
             self._turn += 1
         self._note(self._nearest_m[0], cell, range_m)

@@ -18,6 +18,8 @@ LIDAR_SCAN_ID: Final = dialect.MAVLINK_MSG_ID_SWARM_LIDAR_SCAN
 NOT_MEASURED_MM: Final = 0
 NOTHING_MM: Final = 0xFFFF
 STEP_MIN_DEG: Final = 0.01  # no lidar is finer
+# Of a level lidar's rays, so many are to be measured. An LD19 has 0.62 of those of half a degree, which is too few
+RAYS_MIN_SHARE: Final = 0.67
 _PAYLOAD: Final = Struct("<" + "".join(row.code for row in LIDAR_SCAN.on_wire))
 _BOUNDS: Final = tuple((row.name, row.least, row.most) for row in LIDAR_SCAN.fields if row.is_checked)
 

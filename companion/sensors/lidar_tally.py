@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 from companion.core.perception.obstacle_map import at_bearing
-from companion.mavlink.lidar_scan import decode_lidar_scan
+from companion.mavlink.lidar_scan import RAYS_MIN_SHARE, decode_lidar_scan
 from companion.mavlink.sensor_source import Finding
 from companion.sensors.obstacle_sensor import ScanTally, Sensor
 from companion.sensors.view import View
@@ -25,6 +25,7 @@ class LidarTally(ScanTally):
 
     MESSAGE = "SWARM_LIDAR_SCAN"
     FIX_SILENT = "is the driver running, and does it send there? Its link is given as --sensor lidar=URL"
+    FIX_FEW_RAYS = "too few of its rays are measured: is its --raw finer than its samples a turn?"
     FIX_NONSENSE = "ranges in mm, a bearing_step that is not 0, far_cm above near_cm?"
 
     def __init__(self, began_s: float) -> None:
@@ -32,6 +33,7 @@ class LidarTally(ScanTally):
         self._turns: dict[tuple[int, int], int] = {}
         self._layers_deg: dict[tuple[int, int], set[float]] = {}
         self._steps_deg: dict[tuple[int, int], float] = {}
+        self._rays: dict[tuple[int, int], tuple[int, int]] = {}  # measured, and all, in bearings with one measured
 
     def note_message(self, m: Any, who: tuple[int, int], _now_s: float) -> bool:
         """One SWARM_LIDAR_SCAN; True for the first of a turn."""
@@ -50,10 +52,16 @@ class LidarTally(ScanTally):
             step_deg=piece.bearing_step_deg,
             elevation_deg=piece.elevation_deg,
         )
-        seen = self._seen.setdefault(who, set())
-        for k, range_m in enumerate(piece.ranges_m):
-            if not math.isnan(range_m):
-                seen.add(at_bearing(math.radians(piece.first_bearing_deg + k * piece.bearing_step_deg)))
+        bearings = [
+            at_bearing(math.radians(piece.first_bearing_deg + k * piece.bearing_step_deg))
+            for k in range(len(piece.ranges_m))
+        ]
+        measured = [at for at, range_m in zip(bearings, piece.ranges_m, strict=True) if not math.isnan(range_m)]
+        seen = set(measured)
+        self._seen.setdefault(who, set()).update(seen)
+        # Where the airframe is in the way whole bearings are not measured, and are none of the rays that are left out
+        before = self._rays.get(who, (0, 0))
+        self._rays[who] = before[0] + len(measured), before[1] + sum(at in seen for at in bearings)
         is_new = self._turns.get(who) != piece.turn
         self._turns[who] = piece.turn
         return is_new
@@ -65,12 +73,25 @@ class LidarTally(ScanTally):
                 sensor,
                 layers_deg=tuple(sorted(self._layers_deg.get((sensor.system, sensor.component), ()))),
                 step_deg=self._steps_deg.get((sensor.system, sensor.component), 0.0),
+                rays_share=self._rays_share((sensor.system, sensor.component)),
             )
             for sensor in super().sensors(ended_s)
         )
 
+    def _rays_share(self, who: tuple[int, int]) -> float:
+        """Of several layers 1: their points never repeat, and a ray without a return is not known to be measured."""
+        measured, rays = self._rays.get(who, (0, 0))
+        return measured / rays if rays and len(self._layers_deg[who]) == 1 else 1.0
+
+    def describe(self, ended_s: float) -> Finding:
+        """As of sectors; besides, whether of a level lidar most rays are measured."""
+        finding = super().describe(ended_s)
+        if any(sensor.rays_share < RAYS_MIN_SHARE for sensor in self.sensors(ended_s)):
+            return replace(finding, fix="; ".join(filter(None, (finding.fix, self.FIX_FEW_RAYS))))
+        return finding
+
     def check_sensing(self, sensing: Sensing, vehicle_id: int, ended_s: float, where: str) -> Finding:
-        """As for sectors; besides, step and layers that the mission's lidar has, these the right way up."""
+        """As for sectors; besides, step, rays and layers that the mission's lidar has, these the right way up."""
         finding = super().check_sensing(sensing, vehicle_id, ended_s, where)
         own = [sensor for sensor in self.sensors(ended_s) if sensor.system == vehicle_id]
         layers_deg = [deg for sensor in own for deg in sensor.layers_deg]
@@ -82,11 +103,13 @@ class LidarTally(ScanTally):
         wanted = f"{finding.wanted}, rays {lidar.step_deg:g} deg apart"
         if len(wanted_deg) > 1:
             wanted += f", {len(wanted_deg)} layers, {wanted_deg[0]:g} to {wanted_deg[-1]:g} deg up"
+        rays_min = RAYS_MIN_SHARE * 360.0 / lidar.step_deg
         has_too_few = len(layers_deg) < LAYERS_MIN_SHARE * len(wanted_deg)
         is_turned = abs(max(layers_deg) - wanted_deg[-1]) > TURNED_DEG and not has_too_few
         problems = {
             "its rays are farther apart than those of sensing.sensor": max(sensor.step_deg for sensor in own)
             > STEP_MAX_SHARE * lidar.step_deg,
+            self.FIX_FEW_RAYS: any(sensor.rays_share < 1.0 and sensor.rays_a_turn[0] < rays_min for sensor in own),
             "fewer layers than sensing.sensor has": has_too_few,
             "is it mounted as sensing.upside_down has it?": is_turned and len(wanted_deg) > 1,
             "its layers are not level, as that of sensing.sensor is": is_turned and len(wanted_deg) == 1,

@@ -99,6 +99,13 @@ class Sensor:
     refused: int = 0  # messages whose content makes no sense, or shows nothing
     layers_deg: tuple[float, ...] = ()  # above level, of a lidar whose rays are told
     step_deg: float = 0.0  # from ray to ray, the widest, of such a lidar
+    rays_share: float = 1.0  # of a level lidar's rays that are measured, in bearings of which it measures any
+
+    @property
+    def rays_a_turn(self) -> tuple[int, int]:
+        """Rays of a turn that are measured, and all: 0 where steps are not told."""
+        rays = round(360.0 / self.step_deg) if self.step_deg else 0
+        return round(self.rays_share * rays), rays
 
     @property
     def text(self) -> str:
@@ -110,6 +117,7 @@ class Sensor:
             f"{self.min_m:g} to {self.max_m:g} m" if self.max_m else "",
             f"{len(self.seen) * 360 // BEARINGS} deg from {start}" if self.max_m else "",
             f"rays {self.step_deg:g} deg apart" if self.step_deg else "",
+            f"{self.rays_a_turn[0]} of {self.rays_a_turn[1]} rays a turn" if self.rays_share < 1.0 else "",
             f"{len(self.layers_deg)} layers, {self.layers_deg[0]:g} to {self.layers_deg[-1]:g} deg up"
             if len(self.layers_deg) > 1
             else "",

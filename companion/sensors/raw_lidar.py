@@ -6,7 +6,7 @@ from typing import Any, Self
 
 from companion.core.model.events import Event
 from companion.mavlink import dialect
-from companion.mavlink.lidar_scan import LIDAR_SCAN_ID
+from companion.mavlink.lidar_scan import LIDAR_SCAN_ID, RAYS_MIN_SHARE
 from companion.mavlink.sensor_source import SensorSource
 from companion.sensors.lidar_pieces import LidarPieces
 from companion.sensors.lidar_tally import LidarTally
@@ -26,8 +26,9 @@ class RawLidar(SensorSource):
     ABOUT = (
         "In a mission whose `sensing.sensor` tells raw scans: each lidar that is heard on a sensor's link has "
         f"{RATE_MIN_SHARE * 100:.0f} % of `sensing.rate_hz` turns or more and no gap above `sensing.stale_s`, sees as "
-        "far as `sensing.range_m`, and has rays as close to one another and as many layers as its class; together they "
-        f"see {VIEW_MIN_SHARE * 100:.0f} % of `sensing.field_of_view_deg` or more."
+        "far as `sensing.range_m`, and has rays as close to one another and as many layers as its class, a level one "
+        f"{RAYS_MIN_SHARE * 100:.0f} % of its class's rays or more that are measured; together they see "
+        f" {VIEW_MIN_SHARE * 100:.0f} % of `sensing.field_of_view_deg` or more."
     )
     UNUSED = (
         "has no [sensing] with raw scans (sensing.sensor), so nothing would fly by this lidar. Set the key in the "

@@ -53,11 +53,24 @@ class Pty:
             os.close(self._far)
         self._far = -1
 
-    def write(self, data: bytes) -> None:
-        """As much as there is room for; a lidar does not wait either."""
+    def write(self, data: bytes) -> int:
+        """As much as there is room for, and how much that was; a lidar does not wait either."""
         os.set_blocking(self._far, False)
         with contextlib.suppress(BlockingIOError):
-            os.write(self._far, data)
+            return os.write(self._far, data)
+        return 0
+
+    def write_on(self, data: bytes) -> Callable[[], None]:
+        """Writes it over and over, a part with each call, without a gap."""
+        rest = b""
+
+        def write_part() -> None:
+            nonlocal rest
+            rest = rest or data
+            if select.select([], [self._far], [], 0.01)[1]:
+                rest = rest[self.write(rest) :]
+
+        return write_part
 
     def read_until(self, *wanted: bytes) -> None:
         """Requests of the driver, in this order."""
@@ -78,7 +91,7 @@ class Agent:
         self.url = f"udpout://127.0.0.1:{self._socket.getsockname()[1]}"
         self._mav = common.MAVLink(None)
 
-    def scan_until(self, is_it: Callable[[Any], bool], feed: Callable[[], None]) -> Any:
+    def scan_until(self, is_it: Callable[[Any], bool], feed: Callable[[], object]) -> Any:
         """The first OBSTACLE_DISTANCE that is; the lidar is fed meanwhile."""
         for _ in range(20_000):
             feed()
@@ -118,7 +131,7 @@ def child(*options: str) -> Iterator[tuple[subprocess.Popen[str], IO[str]]]:
 
 
 @contextmanager
-def fed(feed: Callable[[], None]) -> Iterator[None]:
+def fed(feed: Callable[[], object]) -> Iterator[None]:
     """The lidar is fed all the while."""
     ended = threading.Event()
 
@@ -197,6 +210,20 @@ def test_an_ld19_upside_down_is_turned_and_masked_and_garbage_costs_nothing_else
         assert [k for k, cm in enumerate(message.distances) if cm == 65535] == [26, 27, 28]
         assert {(k, cm) for k, cm in enumerate(message.distances) if cm < 801} <= {(17, 210), (18, 210), (19, 210)}
         end_child(process, signal.SIGINT)
+
+
+def test_an_rplidar_of_too_few_samples_for_its_class_is_an_error_with_figures(opened: ExitStack) -> None:
+    pty = Pty(opened)
+    options = ["--model", "rplidar-a", "--lidar", f"serial://{pty.path}:115200", "--id", "3", "--raw", "scan-0.5deg"]
+    with child(*options, "--to", f"udpout://127.0.0.1:{free_port()}") as (process, stderr):
+        pty.read_until(b"\xa5\x20")
+        pty.write(RPLIDAR_SCANNING)
+        with fed(pty.write_on(rplidar_revolution(everywhere(4.0), samples=180))):
+            lines = iter(stderr.readline, "")
+            told = next(line for line in lines if "rays a turn" in line)
+        end_child(process)
+    found = re.search(r"(\d+) of 720 rays a turn are sampled: ERROR, too few for --raw scan-0.5deg", told)
+    assert found is not None  # how many exactly depends on what a computer that is busy leaves out
 
 
 def test_a_mid360_is_told_where_to_send_and_its_points_are_sectors(opened: ExitStack) -> None:

@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from companion.lidar.command import RayCount
 from companion.lidar.driver import Return
 from companion.lidar.ldrobot import LdLidar
 from companion.lidar.livox import Mid360
@@ -13,11 +14,19 @@ from companion.lidar.models import MODELS
 from companion.lidar.mounting import Mounting
 from companion.lidar.options import RAW_NAMES, parse_mask
 from companion.lidar.rays import RayScan
+from companion.lidar.rplidar import RpLidar
 from companion.lidar.sectors import Limits
 from companion.mavlink.framing import wire
 from companion.mavlink.lidar_scan import LIDAR_SCAN_ID, LidarPiece, decode_lidar_scan
 from mission.schema.kinds import RAW_LIDARS, SensorClass
-from tests.unit.lidar.lidar_kit import ld_revolution, mid360_points, post
+from tests.unit.lidar.lidar_kit import (
+    RPLIDAR_SCANNING,
+    everywhere,
+    ld_revolution,
+    mid360_points,
+    post,
+    rplidar_revolution,
+)
 
 LIMITS = Limits(0.2, 12.0)
 PERIOD_S = 0.1
@@ -123,6 +132,41 @@ def test_a_finer_class_has_twice_the_cells() -> None:
     pieces = turned(revolution({181: 2.0}, samples=720), sensor=SensorClass.SCAN_HALF_DEG)
     assert len(pieces) == 8
     assert seen(pieces) == {90.75: 2.0}
+
+
+@pytest.mark.parametrize(("samples", "sampled"), [(360, 360), (400, 400), (720, 720), (800, 720), (1600, 720)])
+def test_rays_that_an_rplidar_samples_in_a_turn_are_counted(samples: int, sampled: int) -> None:
+    rays, driver = RayScan(LIMITS, Mounting(), RAW_LIDARS[SensorClass.SCAN_HALF_DEG]), RpLidar()
+    count = RayCount(rays, "scan-0.5deg")
+    assert rays.take_rays_a_turn() is None
+    data = RPLIDAR_SCANNING + 4 * rplidar_revolution(everywhere(0.0), samples)
+    size = math.ceil(len(data) / 40)
+    for k in range(40):
+        rays.update(driver.decode(data[k * size : (k + 1) * size]), 10.0 + PERIOD_S * k / 10)
+    told = count.update()
+    if sampled < 0.67 * 720:
+        assert told.startswith(f"{sampled} of 720 rays a turn are sampled: ERROR, too few for --raw scan-0.5deg")
+    else:
+        assert told == ""
+    assert count.update() == ""  # no turn since
+
+
+def test_too_few_rays_are_told_once_and_that_there_are_enough_again() -> None:
+    rays = RayScan(LIMITS, Mounting(), RAW_LIDARS[SensorClass.SCAN_1DEG])
+    count = RayCount(rays, "scan-1deg")
+    told = []
+    for turn in range(12):
+        gap = 2 if turn < 6 else 1
+        rays.update(revolution({}, 5.0)[::gap], 10.0 + PERIOD_S * turn)
+        if turn % 3 == 2:
+            told.append(count.update())
+    assert told == [
+        "180 of 360 rays a turn are sampled: ERROR, too few for --raw scan-1deg, no preflight passes; more samples, or "
+        "a coarser class",
+        "",
+        "300 of 360 rays a turn are sampled: enough for --raw scan-1deg",
+        "",
+    ]
 
 
 def test_a_turn_that_takes_too_long_is_not_told() -> None:

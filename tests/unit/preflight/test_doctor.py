@@ -182,6 +182,10 @@ def test_lidar_is_told_with_what_it_sees(hear: Any) -> None:
     assert view.found == (
         "3/196: front 3.0  front right 3.0  right 3.0  rear right 3.0  rear 3.0  rear left 3.0  left 3.0  front left ?"
     )
+    hear(b"".join(lidar_kit.frame(first_bearing_deg=90.0 * k, ranges_mm=[3000, 0] * 45) for k in range(4)))
+    check = next(doctor.sensor_link("lidar", UDP_IN))
+    assert (check.verdict, check.fix) == (Verdict.FAIL, LidarTally.FIX_FEW_RAYS)
+    assert "of 360 rays a turn" in check.found
     hear(lidar_kit.frame(bearing_step_deg=0.0))
     check = next(doctor.sensor_link("lidar", UDP_IN))
     assert (check.verdict, check.fix) == (Verdict.FAIL, LidarTally.FIX_NONSENSE)

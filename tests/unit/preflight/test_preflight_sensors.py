@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 import pytest
@@ -114,7 +115,12 @@ LAYERS_DEG = RAW_LIDARS[SensorClass.MULTI_LAYER].elevations_deg
 
 
 def turns(
-    *elevations_deg: float, rate_hz: float = 10.0, pieces: int = 4, step_deg: float = 1.0, **wanted: Any
+    *elevations_deg: float,
+    rate_hz: float = 10.0,
+    pieces: int = 4,
+    step_deg: float = 1.0,
+    ranges_mm: tuple[int, ...] = (3000,) * 90,
+    **wanted: Any,
 ) -> Check:
     """Of a lidar with these layers that sends so many quarters of each turn, over the window."""
     tally = LidarTally(100.0)
@@ -122,7 +128,11 @@ def turns(
         for piece in range(pieces):
             for deg in elevations_deg:
                 told = lidar_kit.message(
-                    first_bearing_deg=90.0 * step_deg * piece, elevation_deg=deg, turn=k, bearing_step_deg=step_deg
+                    first_bearing_deg=90.0 * step_deg * piece,
+                    elevation_deg=deg,
+                    turn=k,
+                    bearing_step_deg=step_deg,
+                    ranges_mm=ranges_mm,
                 )
                 tally.add(told, ME, 196, 100.0 + k / rate_hz)
     return check_of("lidar", tally.check_sensing(sensing(**wanted), ME, 100.0 + WINDOW_S, "udpin://x:1"))
@@ -142,6 +152,29 @@ def test_lidar_that_will_do_passes_and_its_turns_are_counted() -> None:
     assert "15 layers, -7 to 52 deg up" in check.found
     hanging = turns(*(-deg for deg in LAYERS_DEG), sensor="multi-layer", range_m=12.0, upside_down=True)
     assert hanging.verdict is Verdict.PASS
+
+
+HALF, SOME = (3000, 0) * 45, (3000, 0, 3000, 3000, 3000, 3000, 3000, 0, 3000) * 10
+BLOCKED = (3000,) * 43 + (0,) * 20 + (3000,) * 27  # a leg
+
+
+def test_lidar_of_which_most_rays_are_never_measured_fails_with_the_figures() -> None:
+    check = turns(0.0, pieces=8, step_deg=0.5, ranges_mm=HALF, sensor="scan-0.5deg", range_m=12.0)
+    assert (check.verdict, check.fix) == (Verdict.FAIL, LidarTally.FIX_FEW_RAYS)
+    assert re.search(r"rays 0\.5 deg apart, 36\d of 720 rays a turn$", check.found)
+    check = turns(0.0, ranges_mm=HALF, sensor="scan-1deg", range_m=12.0)
+    assert (check.verdict, check.fix) == (Verdict.FAIL, LidarTally.FIX_FEW_RAYS)
+
+
+def test_lidar_with_some_rays_that_are_not_measured_passes() -> None:
+    check = turns(0.0, ranges_mm=SOME, sensor="scan-1deg", range_m=12.0)
+    assert (check.verdict, check.fix) == (Verdict.PASS, "")
+    check = turns(0.0, ranges_mm=BLOCKED, sensor="scan-1deg", range_m=12.0, field_of_view_deg=270.0)
+    assert (check.verdict, check.fix) == (Verdict.PASS, "")
+    check = turns(0.0, pieces=8, step_deg=0.5, ranges_mm=HALF, sensor="scan-1deg", range_m=12.0)  # all of its class's
+    assert (check.verdict, check.fix) == (Verdict.PASS, "")
+    check = turns(*LAYERS_DEG, ranges_mm=HALF, sensor="multi-layer", range_m=12.0)  # its points never repeat
+    assert (check.verdict, check.fix) == (Verdict.PASS, "")
 
 
 def test_layers_that_are_told_apart_are_bounded() -> None:
