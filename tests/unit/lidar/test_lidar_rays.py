@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 
 import pytest
 
@@ -220,6 +222,16 @@ def test_a_mid360_that_hangs_has_its_layers_below_and_turns_the_other_way_round(
     (piece,) = pieces
     assert piece.elevation_deg == pytest.approx(-52.0)
     assert seen(pieces)[269.5] == pytest.approx(3.0 / math.cos(math.radians(52.0)), abs=0.01)
+
+
+def test_the_guide_names_lidars_for_each_class_that_reach_as_far_as_it_says() -> None:
+    guide = (Path(__file__).parents[3] / "docs" / "how-to" / "connect-a-lidar.md").read_text(encoding="utf-8")
+    for sensor, lidar in RAW_LIDARS.items():
+        row = re.search(rf"^\| `{sensor}` \| (.*?up to (\d+) m: .*?) \|", guide, re.MULTILINE)
+        assert row is not None
+        reach_m = [MODELS[name].limits.max_m for name in re.findall(r"`([\w-]+)`", row[1]) if name in MODELS]
+        assert reach_m
+        assert float(row[2]) == min(lidar.range_max_m, *reach_m)
 
 
 def test_every_class_but_sectors_can_be_sent() -> None:
