@@ -28,7 +28,7 @@ class RawLidar(SensorSource):
         f"{RATE_MIN_SHARE * 100:.0f} % of `sensing.rate_hz` turns or more and no gap above `sensing.stale_s`, sees as "
         "far as `sensing.range_m`, and has rays as close to one another and as many layers as its class, a level one "
         f"{RAYS_MIN_SHARE * 100:.0f} % of its class's rays or more that are measured; together they see "
-        f" {VIEW_MIN_SHARE * 100:.0f} % of `sensing.field_of_view_deg` or more."
+        f"{VIEW_MIN_SHARE * 100:.0f} % of `sensing.field_of_view_deg` or more."
     )
     UNUSED = (
         "has no [sensing] with raw scans (sensing.sensor), so nothing would fly by this lidar. Set the key in the "
