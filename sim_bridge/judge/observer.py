@@ -26,11 +26,54 @@ from sim_bridge.judge.tlog import TlogWriter
 from sim_bridge.judge.verdict import COVERED, LANDED
 
 OPEN_FIELD: Final = Stand()
-REPEAT_TEXT_S: Final = 5.0  # the same word from another vehicle within this time is shown once
+REPEAT_TEXT_S: Final = 5.0  # those that say the same within this time are shown together, at its end
 LEFT_LIMIT_S = (
     60.0  # for vehicles without a companion: an autopilot that lands by itself does so from 30 m in that time
 )
 STATUSTEXT_ID = dialect.MAVLINK_MSG_ID_STATUSTEXT.to_bytes(3, "little")  # as in a frame's header
+
+
+class SharedTexts:
+    """Texts that several say: the first is shown at once, the others by their numbers at the end of REPEAT_TEXT_S."""
+
+    def __init__(self) -> None:
+        self._others: dict[str, tuple[float, list[int]]] = {}  # by text, the oldest first: since when, and who
+        self._said_s: dict[tuple[int, str], float] = {}  # by vehicle and text
+
+    def add(self, now_s: float, vehicle_id: int, text: str) -> str:
+        """The line to show now; empty: it is shown later, or the vehicle has said the same a moment ago."""
+        is_again = now_s - self._said_s.get((vehicle_id, text), -math.inf) <= REPEAT_TEXT_S
+        self._said_s[vehicle_id, text] = now_s
+        if is_again:
+            return ""
+        if text in self._others:
+            self._others[text][1].append(vehicle_id)
+            return ""
+        self._others[text] = (now_s, [])
+        return f"vehicle {vehicle_id}: {text}"
+
+    def take_due(self, now_s: float) -> list[str]:
+        """The lines for those that said the same as another whose time is over."""
+        found = []
+        while self._others:
+            text, (began_s, others) = next(iter(self._others.items()))
+            if now_s - began_s < REPEAT_TEXT_S:
+                break
+            del self._others[text]
+            if others:
+                found.append(f"vehicle{'s' * (len(others) > 1)} {name_runs(others)} also: {text}")
+        return found
+
+
+def name_runs(vehicles: Iterable[int]) -> str:
+    """Ids in words, of three and more in a row the first and the last: 1, 2, 4 to 8."""
+    runs: list[list[int]] = []
+    for vehicle in sorted(vehicles):
+        if runs and vehicle == runs[-1][-1] + 1:
+            runs[-1].append(vehicle)
+        else:
+            runs.append([vehicle])
+    return ", ".join([f"{run[0]} to {run[-1]}" if len(run) > 2 else ", ".join(map(str, run)) for run in runs])
 
 
 class Observer:
@@ -55,7 +98,8 @@ class Observer:
         self.epoch_us = time.time_ns() // 1000  # Unix time of time 0
         self.tap: Callable[[float, int, bytes], None] | None = None  # is told what the telemetry logs are
         self._framing = Framing(frozenset({dialect.MAVLINK_MSG_ID_STATUSTEXT}))
-        self._said: dict[str, float] = {}
+        self._shared = SharedTexts()
+        self._now_s = 0.0
         self._reported: set[str] = set()
         self._coverage = CoverageEnd(mission, stand)
         self._landed_since_s: float | None = None  # all but vehicles whose companions are dead
@@ -63,7 +107,8 @@ class Observer:
 
     def finished(self, tick: Tick) -> str | None:
         """Reason why the flight is over, or None. To be asked each tick."""
-        now_s = tick.time_s
+        now_s = self._now_s = tick.time_s
+        self._tell_shared(now_s)
         for vehicle_id, what in enumerate(tick.touched, start=1):
             if what:
                 self.tell_once(now_s, f"vehicle {vehicle_id} has run into {OBSTACLES[what]}")
@@ -128,20 +173,25 @@ class Observer:
             self.events.append((now_s, text))
 
     def close(self) -> None:
-        """Close the logs."""
+        """Close the logs, and say what was still to be said."""
+        self._tell_shared(math.inf)
         self._files.close()
 
     def _note_lost_log(self, why: str) -> None:
         self.events.append((self._kept_s, why))
 
     def _note_texts(self, vehicle_id: int, said: bytes, now_s: float) -> None:
+        self._now_s = now_s
         for message in self._framing.parse(said):
             text = self._texts[vehicle_id].read_text(message)
             if text is None:
                 continue
-            if now_s - self._said.get(text, -math.inf) > REPEAT_TEXT_S:
-                self.events.append((now_s, f"vehicle {vehicle_id}: {text}"))
-            self._said[text] = now_s
+            line = self._shared.add(now_s, vehicle_id, text)
+            if line:
+                self.events.append((now_s, line))
+
+    def _tell_shared(self, due_s: float) -> None:
+        self.events.extend((self._now_s, line) for line in self._shared.take_due(due_s))
 
 
 def time_limit_s(mission: Mission) -> float:

@@ -163,6 +163,41 @@ def test_a_long_word_of_a_companion_is_shown_whole_though_others_speak_between_i
     assert lands.observer.events == [(1.0, "vehicle 2: ready"), (1.05, f"vehicle 1: {missing}")]
 
 
+def say(observer: Observer, now_s: float, text: str, *vehicles: int) -> None:
+    """These say it then; the tick before has been looked at."""
+    observer.finished(a_tick(now_s))
+    for k in vehicles:
+        said = wire.pack(texts.encode(k, text, 1)[0], seq=0, system=k, component=191)
+        observer.log_traffic(now_s, k, b"", said)
+
+
+def test_of_a_text_that_several_say_one_is_shown_at_once_and_all_others_by_number() -> None:
+    observer = Observer(a_mission("land"), range(1, 9), None)
+    say(observer, 10.0, "to layer 2.4 m: no quorum", 5)
+    say(observer, 11.0, "to layer 2.4 m: no quorum", 1, 2, 5)
+    say(observer, 13.0, "to layer 2.4 m: no quorum", 6, 8, 7)
+    say(observer, 13.5, "searching for lost peers", 6)
+    assert observer.events == [
+        (10.0, "vehicle 5: to layer 2.4 m: no quorum"),
+        (13.5, "vehicle 6: searching for lost peers"),
+    ]
+    observer.finished(a_tick(15.0))
+    assert observer.events[2:] == [(15.0, "vehicles 1, 2, 6 to 8 also: to layer 2.4 m: no quorum")]
+    say(observer, 15.1, "to layer 2.4 m: no quorum", 4)  # later: another moment
+    say(observer, 17.0, "to layer 2.4 m: no quorum", 3, 4)
+    assert observer.events[3:] == [(15.1, "vehicle 4: to layer 2.4 m: no quorum")]
+    observer.close()  # nothing is left unsaid
+    assert observer.events[4:] == [(17.0, "vehicle 3 also: to layer 2.4 m: no quorum")]
+
+
+def test_a_vehicle_that_repeats_itself_is_shown_once(lands: Watched) -> None:
+    for tenth in range(0, 100, 15):
+        say(lands.observer, 0.1 * tenth, "takeoff not answered", 2)
+    assert lands.observer.events == [(0.0, "vehicle 2: takeoff not answered")]
+    say(lands.observer, 30.0, "takeoff not answered", 2)
+    assert len(lands.observer.events) == 2
+
+
 def test_status_counts_links_within_both_ranges_and_shows_the_closest_pair(lands: Watched) -> None:
     lands.announce(SwarmPhase.TRANSIT)
     tick = a_tick(
