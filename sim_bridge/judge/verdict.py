@@ -206,6 +206,11 @@ def separation_tolerance_m(mission: Mission) -> float:
     return max(SEPARATION_TOLERANCE_M, estimates_tolerance_m(mission))
 
 
+def separation_limit_m(mission: Mission) -> float:
+    """Distance below which two were too near, by truth."""
+    return mission.separation.hard_m - separation_tolerance_m(mission)
+
+
 def _dangers(metrics: Metrics, mission: Mission, faults: Sequence[FaultEvent]) -> Iterator[_Problem]:
     for cause, text in (*_closeness(metrics, mission, unheard=_unheard(metrics, faults)), *_rules(metrics)):
         yield _Problem(cause, text, Grade.UNSAFE)
@@ -240,11 +245,12 @@ def _closeness(metrics: Metrics, mission: Mission, *, unheard: bool) -> Iterator
             yield "contact", text
         else:
             yield "unheard" if unheard else "collision", text
-    hard_m, least_m = mission.separation.hard_m, metrics.min_separation_m
-    if least_m is not None and least_m < hard_m - separation_tolerance_m(mission):
+    least_m, limit_m = metrics.min_separation_m, separation_limit_m(mission)
+    if least_m is not None and least_m < limit_m:
         who = f" between {_vehicles(metrics.closest)} at {metrics.closest_at_s:.1f} s" if metrics.closest else ""
         why = ", kept from hearing each other" if unheard else ""
-        text = f"separation {least_m:.2f} m{who}{why}: must be at least separation.hard_m = {hard_m:g}"
+        must = f"must be at least {limit_m:g} (separation.hard_m less {separation_tolerance_m(mission):g})"
+        text = f"separation {least_m:.2f} m{who}{why}: {must}"
         yield "unheard" if unheard else "separation", text
 
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from mission.common.forming import FORMED_RATIO
 from mission.document.model import Mission
 from sim_bridge.judge.metrics import Metrics, tolerance_m
-from sim_bridge.judge.verdict import separation_tolerance_m
+from sim_bridge.judge.verdict import separation_limit_m
 
 
 class Limit(NamedTuple):
@@ -33,10 +33,9 @@ def limits(metrics: Metrics, mission: Mission) -> list[Limit]:
             metrics.arrived,
         )
     ]
-    least_m, hard_m = metrics.min_separation_m, mission.separation.hard_m
+    least_m, limit_m = metrics.min_separation_m, separation_limit_m(mission)
     if least_m is not None:
-        kept = least_m >= hard_m - separation_tolerance_m(mission)
-        found.append(Limit("least separation", f"{least_m:.2f} m", f"at least {hard_m:g} m", kept))
+        found.append(Limit("least separation", f"{least_m:.2f} m", f"at least {limit_m:g} m", least_m >= limit_m))
     found.append(Limit("contacts", str(metrics.contacts), "none", metrics.contacts == 0))
     if metrics.trunk_clearance_min_m is not None:
         found.append(Limit("nearest to a trunk", f"{metrics.trunk_clearance_min_m:.2f} m", "", None))

@@ -10,6 +10,7 @@ from mission.document.model import Mission
 from mission.schema.faults import FaultKind
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import Metrics
+from sim_bridge.judge.page.limits import limits
 from sim_bridge.judge.verdict import Grade, judge
 
 
@@ -99,7 +100,7 @@ def test_a_flight_in_which_everything_holds_has_arrived() -> None:
         ({"contacts": 4, "contacts_trunks": 2, "contacts_ground": 1}, "4 contacts (2 with trunks, 1 with the ground)"),
         (
             {"min_separation_m": 4.87},
-            "separation 4.87 m between vehicles 1, 2 at 30.0 s: must be at least separation.hard_m = 5",
+            "separation 4.87 m between vehicles 1, 2 at 30.0 s: must be at least 4.9 (separation.hard_m less 0.1)",
         ),
         ({"coverage_gap_deg": 90.0}, "coverage not formed: gap 90 deg: must be at most 1.5 x 45"),
         ({"coverage_radius_error_m": 2.1}, "coverage not formed: up to 2.1 m off the ring: must be within 2 m"),
@@ -124,6 +125,10 @@ def test_a_separation_within_centimetres_of_hard_m_is_kept() -> None:
 def test_who_flies_by_wrong_positions_may_come_half_a_metre_nearer(estimates: str, *, kept: bool) -> None:
     mission = a_mission().with_estimates(estimates)
     assert judge(figures(min_separation_m=4.55), mission, "coverage complete").succeeded is kept
+    limit = f"must be at least {'4.5' if kept else '4.9'} (separation.hard_m less {'0.5' if kept else '0.1'})"
+    assert limit in judge(figures(min_separation_m=4.4), mission, "coverage complete").text
+    (shown,) = [one for one in limits(figures(min_separation_m=4.55), mission) if one.name == "least separation"]
+    assert (shown.allowed, shown.kept) == (f"at least {'4.5' if kept else '4.9'} m", kept)
     assert not judge(figures(min_separation_m=4.45), mission, "coverage complete").succeeded
 
 
@@ -174,7 +179,7 @@ def test_everything_that_does_not_hold_is_said_at_once() -> None:
     )
     assert verdict.text == (
         "UNSAFE: 2 contacts; separation 0.40 m between vehicles 1, 2 at 30.0 s: "
-        "must be at least separation.hard_m = 5; time limit of 300 s reached"
+        "must be at least 4.9 (separation.hard_m less 0.1); time limit of 300 s reached"
     )
     assert verdict.causes == ("collision", "separation", "unfinished")
 
