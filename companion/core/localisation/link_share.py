@@ -15,7 +15,7 @@ from typing import Final, final
 
 WINDOW: Final = 60  # periods: 6 s at 10 Hz; at 40 % loss the share is known to 0.06
 ALL: Final = (1 << WINDOW) - 1
-FALSE_SILENCE: Final = 1e-6  # share of beacons after which losses alone make a silence: at 40 % loss 15 in a row
+FALSE_SILENCE: Final = 1e-6  # share of beacons after which losses alone make a silence: at 40 % loss 16 in a row
 SILENCE_MAX_S: Final = 1.5  # whatever is lost: that long a silent vehicle's autopilot takes to notice, and to stand
 ON_TIME: Final = 0.75  # of a period since the one before: earlier, it is one that was sent before its time
 FORGETS: Final = 1.0 / 300.0  # of how unlike ages are, with each beacon, at either end: half in 10 s
