@@ -26,6 +26,8 @@ WIDEST = {
     "self._leader": "250",
     "missing": MANY,
     "list_vehicles(waits_for)": MANY,
+    "list_vehicles(without)": MANY,
+    "math.ceil(left_s)": "60",
     "list_vehicles(missing)": MANY,
     "tree": "tree 20 of 21",
     "stop + 1": "20",

@@ -164,6 +164,11 @@ class NetworkPartition:
         if lease.quorum and phase in UNDER_WAY:
             self.waits_for = waits_for
 
+    @property
+    def waits_until_s(self) -> float:
+        """The time until which those of `waits_for` are waited for, at most."""
+        return self._timer.until_s
+
     def _find_missing(self, picture: Picture, roster: Roster, role: Role) -> int:
         """A leader's: which of those that took off are not in its part; bit k-1 for vehicle k."""
         leads = role is Role.LEADER and picture.is_steered

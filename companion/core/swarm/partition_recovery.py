@@ -236,11 +236,12 @@ def _is_there(pos_ned_m: Vec3, goal: tuple[Vec3, float] | None) -> bool:
 class LostPeerTimer:
     """The majority's: for how long each of the others has not been there, and whether its leader still waits for it."""
 
-    __slots__ = ("_due_s", "_limit_s", "_since_s", "_waited_s")
+    __slots__ = ("_due_s", "_limit_s", "_since_s", "_waited_s", "until_s")
 
     def __init__(self, limit_s: float = OTHERS_LOST.limit_s) -> None:
         """`limit_s`: how long each is waited for."""
         self._limit_s: Final = limit_s
+        self.until_s = 0.0  # no longer: of those that are waited for the last
         self._since_s: dict[int, float] = {}
         self._due_s: dict[int, float] = {}  # from when on each of these is waited for
         self._waited_s: dict[int, float] = {}  # when each was lost of which that was last
@@ -262,6 +263,7 @@ class LostPeerTimer:
                 self._waited_s[k] = since_s
             if 0.0 <= now_s - self._due_s[k] < self._limit_s:
                 waits.append(k)
+        self.until_s = max([self._due_s[k] + self._limit_s for k in waits], default=now_s)
         return waits
 
     def waited_s(self, now_s: float) -> float:

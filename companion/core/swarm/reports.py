@@ -12,7 +12,9 @@ from companion.core.swarm.roster import ids, list_vehicles
 from mission.document.model import Mission
 
 ABSENT_SAID_S: Final = 10.0  # the leader names those that are not ready this often
-WAIT_SAID_S: Final = 20.0  # and one that is lost again not again so soon: its link comes and goes
+SETTLES_S: Final = 1.0  # those that one cut takes are missed one after the other: named together
+WAIT_SAID_S: Final = 20.0  # one that was waited for so lately, or is back, has a link that comes and goes:
+LASTS_S: Final = 5.0  # said when it has lasted for so long
 LAYER_SAID_S: Final = 10.0  # no more often: by a radio that comes and goes a part leaves its layer again and again
 NEWS = {
     SwarmPhase.GATHER: "ready: swarm takes off",
@@ -34,7 +36,10 @@ class SwarmReports:
         self._lanes = len(mission.lanes)
         self._reports: list[Say] = []  # since they were taken last
         self._leader: int | None = None
-        self._wait_said_s: dict[int, float] = {}  # by id: when it was last said that it is waited for
+        self._waited_s: dict[int, float] = {}  # by id: when it was last waited for
+        self._waits_said: list[int] = []  # for whom, as it was said last
+        self._waits_due_s = math.inf  # when that is said anew
+        self._waits_named: set[int] = set()  # since this wait began
         self._waits_for_position = False
         self._absent_said_s: float | None = None
         self._own_m = self._layer_m = mission.route.d1_enu_m[2]  # the mission's height, and that of the last report
@@ -94,13 +99,39 @@ class SwarmReports:
                 self._add(Severity.WARNING, f"waiting for {missing}")
             self._absent_said_s = now_s
 
-    def report_waits(self, waits_for: list[int], now_s: float) -> None:
-        """A leader's each period: for which vehicles, lost on the way, it waits; when there is another one."""
-        said_s = self._wait_said_s
-        if any([now_s - said_s.get(k, -math.inf) > WAIT_SAID_S for k in waits_for]):
-            self._add(Severity.NOTICE, f"no link to {list_vehicles(waits_for)}: waiting")
+    def report_waits(self, waits_for: list[int], now_s: float, until_s: float, present: int, *, goes_on: bool) -> None:
+        """Each period: for which vehicles, lost on the way, a leader waits, to `until_s` at most; and that it goes on.
+
+        `present`: bit k-1 for vehicle k, those in its part. `goes_on`: it leads on the way, with the majority; else
+        others say why the wait is over.
+        """
+        if not goes_on:
+            self._waits_said, self._waits_due_s = [], math.inf
+            self._waits_named.clear()
+            return
+        if waits_for == self._waits_said:
+            self._waits_due_s = math.inf
+        else:
+            is_news = any([now_s - self._waited_s.get(k, -math.inf) > WAIT_SAID_S for k in waits_for])
+            settles_s = SETTLES_S if is_news or not waits_for else LASTS_S
+            self._waits_due_s = min(self._waits_due_s, now_s + settles_s)
         for vehicle in waits_for:
-            said_s[vehicle] = now_s
+            self._waited_s[vehicle] = now_s
+        if now_s >= self._waits_due_s:
+            self._waits_said, self._waits_due_s = list(waits_for), math.inf
+            self._report_wait(waits_for, until_s - now_s, present)
+
+    def _report_wait(self, waits_for: list[int], left_s: float, present: int) -> None:
+        self._waits_named.update(waits_for)
+        if waits_for:
+            self._add(Severity.NOTICE, f"no link to {list_vehicles(waits_for)}: waiting up to {math.ceil(left_s)} s")
+            return
+        without = [k for k in sorted(self._waits_named) if not present >> (k - 1) & 1]
+        self._waits_named.clear()
+        if without:
+            self._add(Severity.NOTICE, f"swarm goes on without {list_vehicles(without)}")
+        else:
+            self._add(Severity.NOTICE, "links regained: swarm goes on")
 
     def report_wait_for_position(self, *, waits: bool) -> None:
         """A leader's each period: it waits at d1 for a surer position, or does not."""

@@ -350,7 +350,8 @@ class Swarm:
         )
         if (parts.waits_for and parts.recovery.goal is None) or parts.leaves_layer(picture.now_s):
             self.governor = 0.0
-        self._reports.report_waits(parts.waits_for, picture.now_s)
+        goes_on = whole and election.role is Role.LEADER and picture.is_steered and phases.phase in UNDER_WAY
+        self._reports.report_waits(parts.waits_for, picture.now_s, parts.waits_until_s, roster.present, goes_on=goes_on)
 
     def goal(self) -> Goal | None:
         """A leader's: where it goes; when others are lost, where it looks for them."""

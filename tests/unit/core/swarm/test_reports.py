@@ -2,27 +2,47 @@
 
 from __future__ import annotations
 
-from companion.core.swarm.reports import LAYER_SAID_S, WAIT_SAID_S, SwarmReports
+from companion.core.swarm.reports import LASTS_S, LAYER_SAID_S, WAIT_SAID_S, SwarmReports
 from tests.unit.core.core_kit import mission
 
 
-def said(*waits: tuple[float, list[int]]) -> list[str]:
-    """What a leader says that waits for these, each for so many seconds."""
+def said(*waits: tuple[float, list[int]], present: int = 0b111111, goes_on: bool = True) -> list[str]:
+    """What a leader says that waits for these, each for so many seconds, 30 s at most; `present` are in its part."""
     reports, now_s = SwarmReports(mission(swarm={"size": 6}), 1), 50.0
     for seconds, waits_for in waits:
         for _ in range(round(10.0 * seconds)):
             now_s += 0.1
-            reports.report_waits(waits_for, now_s)
+            reports.report_waits(waits_for, now_s, now_s + 29.2, present, goes_on=goes_on)
     return [say.text for say in reports.take_all()]
 
 
-def test_a_leader_says_once_for_whom_it_waits_and_again_when_another_is_lost() -> None:
-    assert said((30.0, [2, 3]), (5.0, [3]), (5.0, [3, 5])) == ["no link to 2, 3: waiting", "no link to 3, 5: waiting"]
+def test_a_leader_says_for_whom_it_waits_how_long_at_most_and_that_it_goes_on() -> None:
+    lost = "no link to 2, 3: waiting up to 30 s"
+    assert said((10.0, [2, 3]), (5.0, [])) == [lost, "links regained: swarm goes on"]
+    assert said((30.0, [2, 3]), (5.0, []), present=0b111001) == [lost, "swarm goes on without 2, 3"]
+    found = said((30.0, [2, 3]), (8.0, [3]), (5.0, []), present=0b111011)
+    assert found == [lost, "no link to 3: waiting up to 30 s", "swarm goes on without 3"]
+
+
+def test_a_leader_says_when_another_is_lost_and_names_those_that_one_cut_takes_together() -> None:
+    found = said((0.1, [4]), (9.0, [2, 4]), (5.0, [2, 4, 5]))
+    assert found == ["no link to 2, 4: waiting up to 30 s", "no link to 2, 4, 5: waiting up to 30 s"]
+
+
+def test_one_that_hands_the_lead_over_says_nothing_of_its_wait() -> None:
+    assert said((30.0, [2, 3]), goes_on=False) == []
+    reports = SwarmReports(mission(swarm={"size": 6}), 1)
+    for tenth in range(400):
+        leads = tenth < 200
+        reports.report_waits([2] if leads else [], 0.1 * tenth, 10.0, 0, goes_on=leads)
+    assert [say.text for say in reports.take_all()] == ["no link to 2: waiting up to 9 s"]
 
 
 def test_one_whose_link_comes_and_goes_is_named_once() -> None:
-    assert said(*[(2.0, [4]), (5.0, [])] * 10) == ["no link to 4: waiting"]
-    assert said((2.0, [4]), (WAIT_SAID_S + 1.0, []), (2.0, [4])) == ["no link to 4: waiting"] * 2
+    once = ["no link to 4: waiting up to 30 s", "links regained: swarm goes on"]
+    assert said(*[(2.0, [4]), (5.0, [])] * 10) == once
+    assert said((2.0, [4]), (WAIT_SAID_S + 1.0, []), (2.0, [4]), (2.0, [])) == once * 2
+    assert said((2.0, [4]), (5.0, []), (LASTS_S + 1.0, [4])) == [*once, once[0]]  # it does not come again
 
 
 def said_of_layers(*layers: tuple[float, float | None], is_steered: bool = True) -> list[str]:
