@@ -27,6 +27,7 @@ from companion.core.vehicle.autopilot_state import Vehicle
 from companion.core.vehicle.failsafe import Cause, Finding, Readings, Response, Source
 from companion.core.vehicle.flight_modes import Modes
 from companion.core.vehicle.flight_table import EVENT_OF_PHASE, EVENT_OF_RESPONSE, Effect, FlightEvent
+from companion.core.vehicle.hold_reports import HoldReports
 from companion.core.vehicle.obstacle_sensor_monitor import ObstacleSensorMonitor
 from companion.core.vehicle.requests import AutopilotRequests
 from companion.core.vehicle.waiting import Waiting
@@ -51,7 +52,7 @@ class Flight:
         self._listens_since_s = -1e9  # only a HEARTBEAT after it counts
         self._stalled = False  # while it climbs
         self._hold_is_ours = False  # it stalled in the HOLD that `_awaits_offboard`
-        self._cause_said: Finding | None = None
+        self._holds = HoldReports()
         self._steering_since_s: float | None = None  # since when setpoints have been streaming
         self._armed_seen = self._takeoff_seen = self._may_take_off = False
         self._waiting = Waiting()
@@ -284,7 +285,9 @@ class Flight:
         self.cause = None if found is None else found.cause
         if failsafe_engine.demands(found, Response.STREAM):
             return []
-        self._tell_once(found)
+        news = self._holds.update(found, now_s)
+        if news is not None:
+            self._report_finding(news)
         traits = self.vehicle.mode.traits
         streamed = traits is not None and streams_s >= traits.stream_first_s
         if self.vehicle.mode.mode is not FlightMode.OFFBOARD and streamed:
@@ -341,13 +344,6 @@ class Flight:
             self._move(EVENT_OF_RESPONSE[response])
         self.cause = found.cause
 
-    def _tell_once(self, found: Finding | None) -> None:
-        """Reports why it holds, once each time; late telemetry is told of in every state."""
-        if found != self._cause_said:
-            self._cause_said = found
-            if found is not None and found.cause is not Cause.TELEMETRY_LATE:
-                self._report_finding(found)
-
     def _report_finding(self, found: Finding) -> None:
         text = failsafe_engine.text(found)
         if text:
@@ -378,7 +374,7 @@ class Flight:
         match effect:
             case Effect.START_OVER:
                 self._armed_seen = self._takeoff_seen = self._modes.offboard_seen = False
-                self._cause_said = None
+                self._holds.reset()
             case Effect.LISTEN:
                 self._listen()
             case Effect.STOP:
