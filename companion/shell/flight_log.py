@@ -174,7 +174,7 @@ class ChangeLogger:
             return
         share, vehicle = min((share, vehicle) for vehicle, share in shares.items())
         if share < FEW:
-            lost = f"beacons lost: {100.0 * share:.0f} % of vehicle {vehicle}'s arrive"
+            lost = f"vehicle {vehicle}'s beacons: {100.0 * (1.0 - share):.0f} % lost"
             report(Say(Severity.WARNING, lost))
         each = ", ".join(f"{vehicle} {100.0 * share:.0f} %" for vehicle, share in sorted(shares.items()))
         self._log.line(now_s, f"beacons that arrive: {each}")

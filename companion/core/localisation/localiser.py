@@ -14,6 +14,7 @@ from typing import Final
 
 from companion.core.localisation.beacon_age import BeaconAges
 from companion.core.localisation.destination import Destination
+from companion.core.localisation.link_reports import LinkReports
 from companion.core.localisation.peer_table import RANGE_SLACK, PeerTable
 from companion.core.localisation.silence_reports import SAY_AFTER_S, SilenceReports
 from companion.core.model.actions import Say, SendBeacon
@@ -61,6 +62,7 @@ class Localiser(ABC):
         self.is_position_lost = False  # an acting leader's: it may be off by more than the mission allows
         self.said: list[Say] = []  # for the operator, since it was taken last
         self._silences: Final = SilenceReports()
+        self._links: Final = LinkReports()
         self._reports_silent_from_s = -1e9
         self._updated_s: float | None = None  # the last tick
         self._backlog_until_s = -1e9
@@ -215,6 +217,7 @@ class Localiser(ABC):
         self.neighbours = self.peers.neighbours(own_pos_ned_m, now_s, within_m=self._reach_m)
         self.relayed = self.peers.relayed(own_pos_ned_m, now_s)
         self._correct_neighbours(own_pos_ned_m, now_s)
+        self.said += self._links.update(self.neighbours, now_s)
 
     @property
     def unheard(self) -> int:

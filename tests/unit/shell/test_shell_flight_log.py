@@ -330,7 +330,7 @@ def test_a_flood_is_told_to_the_operator_with_the_beacons_that_are_lost(
         watch.log_changes(float(second), [])
     assert told == [
         Say(Severity.WARNING, "peers' link flooded: 4120 lost unread"),
-        Say(Severity.WARNING, "beacons lost: 43 % of vehicle 2's arrive"),
+        Say(Severity.WARNING, "vehicle 2's beacons: 57 % lost"),
         Say(Severity.NOTICE, "peers' link flood over: 4120 lost unread"),
     ]
     assert "beacons that arrive: 1 100 %, 2 43 %" in lines_of(lines)
