@@ -59,10 +59,11 @@ def silences(swarm: Fleet, seconds: float) -> int:
 
 def test_at_40_percent_loss_nobody_is_taken_for_silent_and_the_swarm_flies_as_fast() -> None:
     swarm = under_way(8, d2_east_m=330.0, loss=0.4, seconds=12.0)
-    said = sum(len(one.said) for one in swarm.aircraft.values())
+    said = {k: set(one.said) for k, one in swarm.aircraft.items()}
     assert silences(swarm, 30.0) <= 1
     assert flown(swarm, 10.0)[0] >= 2.8
-    assert sum(len(one.said) for one in swarm.aircraft.values()) == said
+    for k, one in swarm.aircraft.items():
+        assert set(one.said) - said[k] <= {"radio poor: over a third of beacons lost"}
     assert swarm.least_m >= HARD_M
 
 
