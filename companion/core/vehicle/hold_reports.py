@@ -1,4 +1,4 @@
-"""What decides over a steered vehicle, for its operator: each cause once each time that it begins to decide."""
+"""Reports of why a steered vehicle holds: each cause once each time that it begins to decide."""
 
 from __future__ import annotations
 
