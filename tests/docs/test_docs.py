@@ -39,6 +39,7 @@ SPEAK = (
         "agent",
         "rise/rise",
         "vehicle/flight",
+        "localisation/link_reports",
         "localisation/silence_reports",
         "localisation/gnss_denied/localiser",
         "vehicle/requests",
