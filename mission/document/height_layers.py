@@ -32,10 +32,7 @@ def conflicts(mission: MissionTables) -> Iterator[Conflict]:
     for layer_m in others_m:
         if not any(low_m < layer_m - ground_m < high_m for ground_m in grounds_m):
             continue
-        if layer_m > own_m:
-            key, must_be = "fence.altitude_max_m", f"less than {layer_m + LIMIT_M:.1f} m"
-        else:
-            key, must_be = "fence.altitude_min_m", f"more than {layer_m - LIMIT_M:.1f} m"
+        key, must_be = exclude_layer(layer_m, own_m)
         yield conflict(
             mission,
             ("separation.height_layers", key),
@@ -43,6 +40,16 @@ def conflicts(mission: MissionTables) -> Iterator[Conflict]:
             f"ground: {key} must be {must_be}",
         )
         return
+
+
+def exclude_layer(layer_m: float, own_m: float) -> tuple[str, str]:
+    """The altitude of the fence that makes room for a layer, and what leaves it none, in words.
+
+    `own_m`: the mission's own height.
+    """
+    if layer_m > own_m:
+        return "fence.altitude_max_m", f"less than {layer_m + LIMIT_M:.1f} m"
+    return "fence.altitude_min_m", f"more than {layer_m - LIMIT_M:.1f} m"
 
 
 def list_layers(mission: MissionTables) -> tuple[float, ...]:

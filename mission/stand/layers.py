@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from mission.common.plane import clearance_m
 from mission.common.problems import Problem
-from mission.document.height_layers import LIMIT_M, OVER_BUSHES_M, list_layers
+from mission.document.height_layers import OVER_BUSHES_M, exclude_layer, list_layers
 from mission.document.model import Mission
 from mission.rules.flight_rules import MARGIN_M
 from mission.rules.forest_rules import ground_up_m
@@ -34,13 +34,10 @@ def layer_problems(mission: Mission, stems: StemMap) -> Iterator[Problem]:
             what = f"undergrowth {tree.height_m:g} m high"
         else:
             what = f"its crown, {tree.crown_base_m:g} to {tree.height_m:g} m above the ground,"
-        if layer_m > own_m:
-            wanted = f"fence.altitude_max_m must be less than {layer_m + LIMIT_M:.1f} m"
-        else:
-            wanted = f"fence.altitude_min_m must be more than {layer_m - LIMIT_M:.1f} m"
-        key = f"the tree at {tree.east_m:.2f} east, {tree.north_m:.2f} north"
-        message = f"{what} is in the layer {layer_m:.1f} m up of separation.height_layers: {wanted}"
-        yield Problem(stems.place, stem.line, key, "", message)
+        key, must_be = exclude_layer(layer_m, own_m)
+        where = f"the tree at {tree.east_m:.2f} east, {tree.north_m:.2f} north"
+        message = f"{what} is in the layer {layer_m:.1f} m up of separation.height_layers: {key} must be {must_be}"
+        yield Problem(stems.place, stem.line, where, "", message)
         return
 
 
