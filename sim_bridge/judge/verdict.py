@@ -242,7 +242,7 @@ def _closeness(metrics: Metrics, mission: Mission, *, unheard: bool) -> Iterator
         count = f"{metrics.contacts} contact{'s' * (metrics.contacts > 1)}"
         text = f"{count} ({', '.join(parts)})" if parts else count
         if metrics.contacts > metrics.contacts_vehicles:
-            yield "contact", text
+            yield "contact", text if metrics.contacts_steered else f"{text}, with no companion to steer"
         else:
             yield "unheard" if unheard else "collision", text
     least_m, limit_m = metrics.min_separation_m, separation_limit_m(mission)

@@ -123,6 +123,7 @@ class Metrics:
     contacts_crowns: int
     contacts_boxes: int
     contacts_ground: int
+    contacts_steered: int
     fence_exceeded_m: float
     trunk_clearance_min_m: float | None
     box_clearance_min_m: float | None
@@ -204,6 +205,7 @@ def measure(
         contacts_crowns=ran_into["crown"],
         contacts_boxes=ran_into["box"],
         contacts_ground=ran_into["ground"],
+        contacts_steered=_contacts_steered(recording),
         fence_exceeded_m=fence_exceeded_m(recording, mission),
         trunk_clearance_min_m=least_clearance_m(recording, stand),
         box_clearance_min_m=least_box_clearance_m(recording, stand),
@@ -282,6 +284,13 @@ def _check(recording: Recording) -> None:
     if bad.size:
         tick, column = bad[0]
         raise ValueError(f"pos_ned_m: vehicle {column + 1} at {time_s[tick]:.2f} s: must be finite")
+
+
+def _contacts_steered(recording: Recording) -> int:
+    """Vehicles that first ran into something in a tick before which their companions had answered."""
+    has_touched = recording.touched > 0
+    begins = has_touched[1:] & ~has_touched[:-1] & recording.agent_alive[:-1]
+    return int(begins.any(axis=0).sum())
 
 
 def _landed_early(recording: Recording) -> tuple[int, ...]:

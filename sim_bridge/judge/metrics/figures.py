@@ -222,13 +222,7 @@ FIGURES: Final[tuple[Figure, ...]] = (
         better=LESS,
         title="crowns flown into",
     ),
-    Figure(
-        "contacts_boxes",
-        "",
-        "The same as contacts_trunks with a box.",
-        better=LESS,
-        title="boxes struck",
-    ),
+    Figure("contacts_boxes", "", "The same as contacts_trunks with a box.", better=LESS, title="boxes struck"),
     Figure(
         "contacts_ground",
         "",
@@ -236,6 +230,13 @@ FIGURES: Final[tuple[Figure, ...]] = (
         "m/s down.",
         better=LESS,
         title="hard contacts with the ground",
+    ),
+    Figure(
+        "contacts_steered",
+        "",
+        "Vehicles that ran into anything while they were alive: not those that drift with a dead companion.",
+        better=LESS,
+        title="steered vehicles that ran into something",
     ),
     Figure(
         "fence_exceeded_m",

@@ -29,6 +29,7 @@ def test_a_flight_without_a_tick_measures_nothing() -> None:
         *("n", "lost", "armed", "aloft", "strayed", "landed_early", "absent", "sim_time_s", "arrived", "contacts"),
         "visited",
         *("contacts_vehicles", "contacts_trunks", "contacts_crowns", "contacts_boxes", "contacts_ground"),
+        "contacts_steered",
         *("splits", "longest_gap_s"),
         *("acting_leaders_max", "acting_leaders_overlap_s", "leaders_together_s", "leader_changes", "leaderless_max_s"),
         *("fence_exceeded_m", "closest", "uncovering"),

@@ -72,6 +72,13 @@ def test_what_vehicles_have_run_into_counts_once_each_and_by_kind() -> None:
     assert (result.contacts_vehicles, result.contacts) == (0, 4)
 
 
+def test_who_runs_into_something_with_a_dead_companion_was_not_steered() -> None:
+    touched = [[0, 0, 0], [0, 0, 0], [1, 1, 0], [1, 1, 4]]
+    alive = [[1, 1, 1], [1, 0, 1], [0, 0, 1], [0, 0, 0]]
+    result = measure(a_recording([level(0.0, 20.0, 40.0)] * 4, touched=touched, agent_alive=alive), a_mission(n=3))
+    assert (result.contacts_trunks, result.contacts_steered) == (2, 2)
+
+
 @pytest.mark.parametrize(
     ("east_m", "up_m", "changes", "expected_m"),
     [

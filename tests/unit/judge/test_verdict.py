@@ -48,6 +48,7 @@ def figures(**changes: Any) -> Metrics:
         "contacts_crowns": 0,
         "contacts_boxes": 0,
         "contacts_ground": 0,
+        "contacts_steered": 0,
         "fence_exceeded_m": 0.0,
         "trunk_clearance_min_m": None,
         "box_clearance_min_m": None,
@@ -96,8 +97,12 @@ def test_a_flight_in_which_everything_holds_has_arrived() -> None:
     ("changes", "why"),
     [
         ({"contacts": 1, "contacts_vehicles": 1}, "1 contact"),
-        ({"contacts": 3, "contacts_trunks": 3}, "3 contacts (3 with trunks)"),
-        ({"contacts": 4, "contacts_trunks": 2, "contacts_ground": 1}, "4 contacts (2 with trunks, 1 with the ground)"),
+        ({"contacts": 3, "contacts_trunks": 3, "contacts_steered": 3}, "3 contacts (3 with trunks)"),
+        ({"contacts": 1, "contacts_trunks": 1}, "1 contact (1 with trunks), with no companion to steer"),
+        (
+            {"contacts": 4, "contacts_trunks": 2, "contacts_ground": 1, "contacts_steered": 1},
+            "4 contacts (2 with trunks, 1 with the ground)",
+        ),
         (
             {"min_separation_m": 4.87},
             "separation 4.87 m between vehicles 1, 2 at 30.0 s: must be at least 4.9 (separation.hard_m less 0.1)",
