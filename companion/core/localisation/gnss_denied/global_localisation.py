@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from typing import Final, final
 
-from companion.core.localisation.gnss_denied.error_state import Errors
+from companion.core.localisation.gnss_denied.error_state import BY_TRUNKS, Errors
 from companion.core.localisation.integrity.fix_monitor import FixMonitor, Noise, Parted
 from companion.core.localisation.integrity.velocity_way import VelocityWay
 from companion.core.model.events import Position, Satellites
@@ -41,6 +41,7 @@ SDS: Final = 2.0  # of what may be
 BELIEVED: Final = Errors()  # of odometry
 # Of fixes, whose size the receiver tells, against odometry that they correct: a fifth of its errors is left
 AGAINST_FIXES: Final = Noise(fix_m=0.5, fix_memory_s=MEMORY_S, walk_m2_per_s=0.004, share=0.005, alarm=24.0)
+TRUNKS_S: Final = 1.0  # so long after trunks corrected the odometer last it is as sure as they make it
 FRAME_RAD2: Final = math.radians(0.6) ** 2
 ASTRAY_SD_M: Final = 1.5  # of a place from which a fix was led astray
 
@@ -60,9 +61,9 @@ class DeadReckoningUncertainty:
         self._var_m2 = sd_m * sd_m / 2.0
         self._from_ne_m = (pos_ned_m[0], pos_ned_m[1])
 
-    def add_bias_walk(self, since_s: float) -> None:
-        """The bias's part."""
-        self._var_m2 += 2.0 * BELIEVED.bias_mps**2 * BELIEVED.bias_s * since_s
+    def add_bias_walk(self, since_s: float, errors: Errors) -> None:
+        """The bias's part: of an odometer with such errors."""
+        self._var_m2 += 2.0 * errors.bias_mps**2 * errors.bias_s * since_s
 
     def sd_m(self, pos_ned_m: Vec3) -> float:
         """Level: root of north and east squared."""
@@ -92,6 +93,7 @@ class GlobalLocalisation:
         "_receives",
         "_said",
         "_told",
+        "_trunks_s",
         "_velocity_way",
         "_way",
         "reception",
@@ -101,7 +103,7 @@ class GlobalLocalisation:
         self._receives = receives
         self.reception = Reception.GOOD if receives else Reception.NONE  # on the ground: as the mission says
         self._said: Satellites | None = None
-        self._heard_s = -1e9
+        self._heard_s = self._trunks_s = -1e9
         self._other_since_s: float | None = None  # since when it has been heard worse, or better
         self._better_s = BETTER_S
         self._flown = False
@@ -123,23 +125,28 @@ class GlobalLocalisation:
         if self._receives:
             self._said, self._heard_s = said, now_s
 
+    def note_trunks(self, now_s: float) -> None:
+        """The own scans correct the odometer now."""
+        self._trunks_s = now_s
+
     def split_position(self, told: Position, now_s: float, *, airborne: bool) -> Position:
         """A told position; the same by the odometer. Heights stay as told."""
         before, self._told = self._told, told
         since_s = _since_s(before, told, now_s - self._read_s)
         self._read_s = now_s
         self._flown |= airborne
+        errors = BY_TRUNKS if now_s - self._trunks_s <= TRUNKS_S else BELIEVED
         if not self._receives:
             self._pos_ned_m = told.pos_ned_m
-            self._way.add_bias_walk(since_s)
+            self._way.add_bias_walk(since_s, errors)
             return told
         if before is not None and self._flown:
             self._split_jump(before, told, since_s, now_s)
         north, east, down = told.pos_ned_m
         pos = (north - self._jumped_ne_m[0], east - self._jumped_ne_m[1], down)
         self._pos_ned_m = pos
-        self._own.add_bias_walk(since_s)
-        self._way.add_bias_walk(since_s)
+        self._own.add_bias_walk(since_s, errors)
+        self._way.add_bias_walk(since_s, errors)
         if self.is_used(now_s):
             self._correct_offset(since_s)
             self._hold_fix(told, now_s)

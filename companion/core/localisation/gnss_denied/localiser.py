@@ -123,7 +123,8 @@ class GnssDeniedLocaliser(Localiser):
         return self.trunks is not None and self.trunks.is_due(now_s)
 
     def note_trunks(self, seen: SolitaryTrunks, now_s: float) -> None:
-        """To be told, and to be compared with what others tell."""
+        """To be told, and to be compared with what others tell; while there are some the odometer drifts less."""
+        self.global_localisation.note_trunks(now_s)
         if self.trunks is not None:
             self.trunks.note_trunks(seen, self.ranging.odo_ne_m, now_s)
 

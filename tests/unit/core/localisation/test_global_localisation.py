@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from companion.core.localisation.gnss_denied.error_state import BY_TRUNKS, Errors
 from companion.core.localisation.gnss_denied.global_localisation import (
     BETTER_S,
     FRESH_S,
@@ -200,12 +201,30 @@ def test_doubt_grows_with_time_and_with_the_way_and_shrinks_again_on_the_way_bac
     here = (0.0, 0.0, 0.0)
     doubt.set_known(1.0, here)
     assert doubt.sd_m(here) == pytest.approx(1.0)
-    doubt.add_bias_walk(100.0)
+    doubt.add_bias_walk(100.0, Errors())
     stood_m = doubt.sd_m(here)
     assert stood_m == pytest.approx(math.sqrt(1.0 + 2.0 * 2.0 * 0.05**2 * 20.0 * 100.0))  # 0.05 m/s, forgotten in 20 s
     away_m = doubt.sd_m((300.0, 0.0, 0.0))
     assert away_m == pytest.approx(math.hypot(stood_m, math.radians(2.0) * 300.0))
     assert doubt.sd_m(here) == pytest.approx(stood_m)
+
+
+@pytest.mark.parametrize("seen_s", [30.0, 10.0, 0.0])
+def test_while_trunks_correct_the_odometer_doubt_grows_less(seen_s: float) -> None:
+    """A leader that has lost its satellites: seen_s of the 30 s of its way among trunks."""
+    flown, seen = Flown(receives=False), 0.0
+    flown.place.update_destination_sd(0.5, flown.now_s, lag_m=None)
+    while flown.now_s < 30.0 - 1e-6:
+        if seen < seen_s:
+            flown.place.note_trunks(flown.now_s)
+        flown.fly(0.5)
+        seen += 0.5
+    walked_m2 = flown.place.sd_m**2 - 0.5**2 - (math.radians(2.0) * EAST_MPS * 30.0) ** 2
+    bias_m2_per_s = [2.0 * 2.0 * errors.bias_mps**2 * errors.bias_s for errors in (BY_TRUNKS, Errors())]
+    # A second more: for so long what was seen counts
+    reckoned_s = min(30.0, seen_s + 1.0) if seen_s else 0.0
+    expected_m2 = reckoned_s * bias_m2_per_s[0] + (30.0 - reckoned_s) * bias_m2_per_s[1]
+    assert walked_m2 == pytest.approx(expected_m2, abs=0.3)
 
 
 def test_how_far_the_way_to_d2_may_be_off_comes_from_the_leader_and_grows_by_odometry() -> None:
