@@ -1,4 +1,4 @@
-"""How much more is kept from what is seen while the own motion is known less well than the mission's margin covers.
+"""Margin towards what is seen: more than the mission's while the own motion is known less well than that covers.
 
 A way is reckoned with the own velocity, and until a setpoint acts on what scans show meanwhile the vehicle goes astray
 by as much as that velocity is wrong. How wrong it may be follows from the class of the sensor and from how well trunks
@@ -17,12 +17,12 @@ COVERED_M: Final = 0.3  # by the mission's margin, by default
 POINT_M: Final = 0.08  # less than a clearance to the nearest point of a trunk is believed too large, 99.9 %
 # Until a setpoint acts on what is seen: a turn of the sensor, 0.25 s as in JSBSim, and the lag
 ACTS_S: Final = 0.65
-PER_S: Final = 3.0  # by how much more a velocity may be wrong for each metre of the position's standard deviation
+PER_S: Final = 2.0  # by how much more a velocity may be wrong for each metre of the position's standard deviation
 UNTOLD_MPS: Final = 0.9  # 99.9 % of what reported ones are wrong, level, and a tenth more
 
 
 def velocity_error_mps(kind: ScanClass, shift_sd_m: float) -> float:
-    """What the own velocity is wrong against what is seen, level, 99.9 %; `shift_sd_m`: as of `ScanOdometry`."""
+    """Error of the own velocity against what is seen, level, 99.9 %; `shift_sd_m`: as of `ScanOdometry`."""
     return min(UNTOLD_MPS, kind.velocity_mps + PER_S * shift_sd_m)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import pytest
 
@@ -23,7 +24,7 @@ def test_by_trunks_all_around_the_missions_own_margin_covers_what_is_left(sensor
 def test_the_margin_follows_without_a_step(sensor: SensorClass) -> None:
     kind = ScanClass(sensor)
     wider_m = [find_wider_m(kind, 0.002 * k) for k in range(200)]
-    steps_m = [after_m - before_m for before_m, after_m in zip(wider_m, wider_m[1:], strict=False)]
+    steps_m = [after_m - before_m for before_m, after_m in pairwise(wider_m)]
     assert min(steps_m) >= 0.0
     assert max(steps_m) < 0.005
     assert find_wider_m(kind, math.inf) == wider_m[-1]
@@ -31,4 +32,4 @@ def test_the_margin_follows_without_a_step(sensor: SensorClass) -> None:
 
 
 def test_sectors_that_tell_the_velocity_less_well_get_more() -> None:
-    assert find_wider_m(SECTORS, 0.1) > find_wider_m(FINE, 0.1) > 0.05
+    assert find_wider_m(SECTORS, 0.15) > find_wider_m(FINE, 0.15) > 0.05
