@@ -175,7 +175,8 @@ def sd_rows(sensor: SensorClass, ticks: npt.NDArray[np.float64]) -> Iterator[str
         cells.append(f"{velocity_error_mps(ScanClass(sensor), float(np.mean(some[:, 7]))):.2f}")
         yield f"| {sensor.value} | {SD_M[k]:g} to {SD_M[k + 1]:g} | {len(some)} | {' | '.join(cells)} |"
     sigmas = _spread(ticks[:, 5] / np.maximum(ticks[:, 6], 1e-6))
-    yield f"{sensor.value}: the heading's error in its standard deviations: mean {sigmas[0]}, 99.9 % {sigmas[2]}"
+    told = f"the heading's error in its standard deviations: mean {sigmas[0]}, 99.9 % {sigmas[2]}"
+    yield f"{sensor.value}: {told}; reported velocity wrong, m/s: 99.9 % {_spread(ticks[:, 0])[2]}"
 
 
 def _spread(values: npt.NDArray[np.float64]) -> list[str]:
