@@ -69,14 +69,17 @@ def mission_of(density_per_ha: float, sensor: SensorClass, seed: int) -> Mission
     )
 
 
-def course(rng: np.random.Generator, lean_rad: float = 0.0) -> Iterator[AirframeState]:
-    """True states, a tick each: a winding way east, heading along it with some lag. `lean_rad`: more, forward."""
+def course(rng: np.random.Generator, lean_rad: float = 0.0, winding: float = 1.0) -> Iterator[AirframeState]:
+    """True states, a tick each: a winding way east, heading along it with some lag. `lean_rad`: more, forward.
+
+    `winding`: so many times as far to the sides.
+    """
     periods = rng.uniform(4.0, 15.0, 3)
     phases, sizes = rng.uniform(0.0, math.tau, 3), rng.uniform(0.3, 1.0, 3)
     pos, yaw, speed = np.zeros(2), math.pi / 2.0, 0.0
     for k in range(round(LENGTH_S / TICK_S)):
         t = k * TICK_S
-        bearing = math.pi / 2.0 + float(0.35 * np.sum(sizes * np.sin(math.tau * t / periods + phases)))
+        bearing = math.pi / 2.0 + winding * float(0.35 * np.sum(sizes * np.sin(math.tau * t / periods + phases)))
         asked = SPEED_MPS * (0.75 + 0.25 * math.sin(math.tau * t / 11.0))
         speed += max(-2.0, min(2.0, asked - speed)) * TICK_S
         vel = (speed * math.cos(bearing), speed * math.sin(bearing))
@@ -87,13 +90,63 @@ def course(rng: np.random.Generator, lean_rad: float = 0.0) -> Iterator[Airframe
         yield AirframeState((pos[0], pos[1], -4.0), (*vel, 0.0), lean, (0.0, 0.0, rate), False, 0.4)
 
 
-def fly(density_per_ha: float, sensor: SensorClass, seed: int, lean_rad: float = 0.0) -> Flown:
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """One tick of a run, after its scans were taken in."""
+
+    now_s: float
+    since_s: float  # of the run
+    state: AirframeState  # true
+    own: Position  # as reported
+    wrong_ned_mps: Vec3  # reported velocity less the true one
+    bias_ned_mps: Vec3  # as trunks correct it
+    yaw_off_rad: float  # of the reported yaw
+    perception: SensingPerception
+    stand: Stand
+
+
+def fly(density_per_ha: float, sensor: SensorClass, seed: int, lean_rad: float = 0.0, winding: float = 1.0) -> Flown:
     """One run."""
+    reported: list[Vec3] = []
+    corrected: list[Vec3] = []
+    headings: list[tuple[float, float]] = []
+    strayed: list[tuple[float, float]] = []
+    fixed = 0
+    for tick in fly_ticks(density_per_ha, sensor, seed, lean_rad, winding):
+        if tick.since_s <= SETTLED_S:
+            continue
+        wrong, bias, at = tick.wrong_ned_mps, tick.bias_ned_mps, tick.state.pos_ned_m
+        reported.append((wrong[0], wrong[1], 0.0))
+        corrected.append((wrong[0] + bias[0], wrong[1] + bias[1], 0.0))
+        motion = tick.perception.motion
+        headings.append((tick.yaw_off_rad, tick.yaw_off_rad + motion.turn_rad))
+        placed = motion.correct_place(tick.own.pos_ned_m)
+        strayed.append((placed[0] - at[0], placed[1] - at[1]))
+        fixed += motion.odometry.is_corrected(tick.now_s)
+    told_v, seen_v = np.array(reported)[:, :2], np.array(corrected)[:, :2]
+    angles, drift = np.degrees(np.array(headings)), np.array(strayed)
+    flown_m = SPEED_MPS * 0.75 * LENGTH_S
+    return Flown(
+        float(np.sqrt(np.mean(told_v**2))),
+        float(np.sqrt(np.mean(seen_v**2))),
+        float(np.quantile(np.hypot(*seen_v.T), 0.999)),
+        float(np.hypot(*(drift[-1] - drift[0])) * 100.0 / flown_m),
+        float(np.sqrt(np.mean(angles[:, 1] ** 2))),
+        float(np.sqrt(np.mean(angles[:, 0] ** 2))),
+        fixed / len(reported),
+    )
+
+
+def fly_ticks(
+    density_per_ha: float, sensor: SensorClass, seed: int, lean_rad: float = 0.0, winding: float = 1.0
+) -> Iterator[Tick]:
+    """The ticks of one run. `winding`: as `course`."""
     mission = mission_of(density_per_ha, sensor, seed)
     assert mission.sensing is not None
     rng = np.random.default_rng(seed)
-    states = list(course(rng, lean_rad))
-    scene = Scene(_thinned(stand_of(mission), states), mission.sensing.range_m)
+    states = list(course(rng, lean_rad, winding))
+    stand = _thinned(stand_of(mission), states)
+    scene = Scene(stand, mission.sensing.range_m)
     sizes = errors_of(mission.sim, 1)
     noise = Swinging(
         velocity_sd_mps=sizes.velocity_noise_mps,
@@ -110,11 +163,6 @@ def fly(density_per_ha: float, sensor: SensorClass, seed: int, lean_rad: float =
     )
     sectors = Lidar(scene, mission.sensing, LidarErrors(), seed=seed, vehicle_id=1)
     perception = SensingPerception(mission, mission.sensing)
-    reported: list[Vec3] = []
-    corrected: list[Vec3] = []
-    headings: list[tuple[float, float]] = []
-    strayed: list[tuple[float, float]] = []
-    fixed = 0
     scans: list[tuple[float, list[ObstacleScan | LidarScan]]] = []
     for k, state in enumerate(states):
         now_s = 10.0 + k * TICK_S
@@ -134,25 +182,7 @@ def fly(density_per_ha: float, sensor: SensorClass, seed: int, lean_rad: float =
         told = raw.scan(state, (), now_s) if raw is not None else sectors.scan(state, (), now_s)
         if told is not None:
             scans.append((now_s, list(scan_events(told.ranges_m, sensor, mission, state, yaw_off))))
-        if k * TICK_S > SETTLED_S:
-            reported.append((wrong[0], wrong[1], 0.0))
-            corrected.append((wrong[0] + bias[0], wrong[1] + bias[1], 0.0))
-            headings.append((yaw_off, yaw_off + perception.motion.turn_rad))
-            placed = perception.motion.correct_place(own.pos_ned_m)
-            strayed.append((placed[0] - at[0], placed[1] - at[1]))
-            fixed += perception.motion.odometry.is_corrected(now_s)
-    told_v, seen_v = np.array(reported)[:, :2], np.array(corrected)[:, :2]
-    angles, drift = np.degrees(np.array(headings)), np.array(strayed)
-    flown_m = SPEED_MPS * 0.75 * len(states) * TICK_S
-    return Flown(
-        float(np.sqrt(np.mean(told_v**2))),
-        float(np.sqrt(np.mean(seen_v**2))),
-        float(np.quantile(np.hypot(*seen_v.T), 0.999)),
-        float(np.hypot(*(drift[-1] - drift[0])) * 100.0 / flown_m),
-        float(np.sqrt(np.mean(angles[:, 1] ** 2))),
-        float(np.sqrt(np.mean(angles[:, 0] ** 2))),
-        fixed / len(reported),
-    )
+        yield Tick(now_s, k * TICK_S, state, own, wrong, bias, yaw_off, perception, stand)
 
 
 def _thinned(stand: Stand, states: Sequence[AirframeState]) -> Stand:
@@ -212,7 +242,12 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--density", type=float, action="append", metavar="TREES", help="per ha (100, 200, 400)")
     parser.add_argument("--sensor", type=SensorClass, action="append", metavar="CLASS", help="(all)")
     parser.add_argument("--lean-deg", type=float, default=0.0, metavar="DEG", help="so much further forward (0)")
+    parser.add_argument("--winding", type=float, default=1.0, metavar="TIMES", help="as far to the sides (1)")
+    parser.add_argument("--clearances", action="store_true", help="to trunks, as believed: see tests.bench.clearances")
     args = parser.parse_args(argv)
+    if args.clearances:
+        print_clearances(args)
+        return 0
     lean_rad = math.radians(args.lean_deg)
     print(
         "| sensor | trees/ha | velocity, m/s an axis: reported | corrected | 99.9 % of its error are less "
@@ -222,13 +257,30 @@ def main(argv: Sequence[str]) -> int:
     for sensor in args.sensor or SENSORS:
         for density in args.density or (100.0, 200.0, 400.0):
             seeds = range(args.first_seed, args.first_seed + args.runs)
-            runs = [fly(density, sensor, seed, lean_rad) for seed in seeds]
+            runs = [fly(density, sensor, seed, lean_rad, args.winding) for seed in seeds]
             names = ("reported_mps", "corrected_mps", "p999_mps", "strayed_m", "reported_heading_deg", "heading_deg")
             cells = [_cell([getattr(run, name) for run in runs]) for name in names]
             share = np.mean([run.corrected_share for run in runs])
             what = f"{sensor.value}, {SENSORS[sensor]:g} m"
             print(f"| {what} | {density:g} | {' | '.join(cells)} | {100.0 * share:.0f} % |", flush=True)
     return 0
+
+
+def print_clearances(args: argparse.Namespace) -> None:
+    """Rows for each density and class."""
+    from tests.bench import clearances
+
+    print(clearances.HEAD)
+    by_sd = []
+    for sensor in args.sensor or SENSORS:
+        ticks = []
+        for density in args.density or (100.0, 200.0, 400.0):
+            seeds = range(args.first_seed, args.first_seed + args.runs)
+            told = clearances.tell(sensor, density, seeds, args.winding)
+            print(*clearances.rows(sensor, density, told), sep="\n", flush=True)
+            ticks += told.ticks
+        by_sd += list(clearances.sd_rows(sensor, np.array(ticks)))
+    print("", *by_sd, sep="\n")
 
 
 def _cell(values: Sequence[float]) -> str:

@@ -15,18 +15,22 @@ from mission.schema.kinds import RAW_LIDARS, SECTORS_SD_M, SensorClass
 
 GROUND_M: Final = 1.0  # a hit below this height above the mission's ground may be the ground
 SECTOR_BEAM: Final = 0.35  # of a sector's width: how far its hit is off its middle, rms
+VELOCITY_MPS: Final = 0.25  # by raw scans
+VELOCITY_BY_SECTORS_MPS: Final = 0.3
 
 
 @final
 class ScanClass:
     """Accuracy of a class of sensors."""
 
-    __slots__ = ("beam_rad", "bearing_sd_rad", "has_widths", "range_sd_m")
+    __slots__ = ("beam_rad", "bearing_sd_rad", "has_widths", "range_sd_m", "velocity_mps")
 
     def __init__(self, sensor: SensorClass) -> None:
         lidar = RAW_LIDARS.get(sensor)
         self.has_widths: Final = lidar is not None  # it tells how wide a stem is
         self.range_sd_m: Final = SECTORS_SD_M if lidar is None else lidar.range_sd_m
+        # What a velocity by its trunks is wrong where they tell the position to centimetres, level, 99.9 %
+        self.velocity_mps: Final = VELOCITY_MPS if self.has_widths else VELOCITY_BY_SECTORS_MPS
         self.beam_rad: Final = 0.0 if lidar is None else math.radians(lidar.beam_deg)
         # Of a sector; of rays a quarter of their step, and of what the axis of a stem is off besides
         self.bearing_sd_rad: Final = (

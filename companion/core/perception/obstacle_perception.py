@@ -18,6 +18,7 @@ from companion.core.perception.columns.column_map import ColumnMap
 from companion.core.perception.landmarks.solitary_trunks import SolitaryTrunks, find_solitary
 from companion.core.perception.level_scan import LevelScan, ScanClass, level_scan_of
 from companion.core.perception.lidar_mapper import LidarMapper
+from companion.core.perception.motion_margin import find_wider_m
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud, Obstacle, ObstacleKind, trunks_of
 from companion.core.perception.obstacle_map import ObstacleMap
 from companion.core.perception.obstacle_memory import ObstacleMemory
@@ -33,9 +34,6 @@ from mission.rules.rise_rules import ABOVE_M
 
 NEAR_M: Final = 3.0  # what is farther off is in nobody's way who stays
 BEYOND_M: Final = 1.0  # points this far beyond the sensor's range still matter: they were seen on the way
-# More than the mission's margin, while nothing seen tells the own motion: reported velocities are wrong by 0.25 m/s rms
-# an axis, for seconds, and one that rests by what is reported drifts
-UNTOLD_MOTION_M: Final = 0.3
 NEIGHBOUR_NEARER_M: Final = 0.5  # than separation wants: half of its hull, and a little
 # What is known of how the trunks' frame is turned, at best: by sectors, at 3 m/s among 391 trees/ha, it turned by 3.6
 # degrees when its filter thought to know it to 0.7 (bench `spoofing`, seed 6003)
@@ -205,8 +203,9 @@ class SensingPerception(ObstaclePerception):
         self._mapper: Final = LidarMapper(self._map, self._hulls)
         self._memory: Final = ObstacleMemory()
         self._sight: Final = SightHistory()
-        self._noise: Final = ScanNoise(ScanClass(sensing.sensor))
-        self._has_widths: Final = ScanClass(sensing.sensor).has_widths
+        self._kind: Final = ScanClass(sensing.sensor)
+        self._noise: Final = ScanNoise(self._kind)
+        self._has_widths: Final = self._kind.has_widths
         self._sends_odometry: Final = sensing.sends_odometry and not turns_with_yaw
         self._odometry_s = -math.inf  # the turn that was taken last
         self._frame_rad2: Final = (FRAME_RAD if self._has_widths else FRAME_BY_SECTORS_RAD) ** 2
@@ -214,7 +213,7 @@ class SensingPerception(ObstaclePerception):
         self._ghosts: Final = GhostTracks()
         self._clear_m: Final = sensing.vehicle_radius_m + sensing.margin_m
         self.motion: Final = OwnMotion(
-            ScanClass(sensing.sensor),
+            self._kind,
             turns_with_yaw=turns_with_yaw,
             hull_m=sensing.vehicle_radius_m,
             others=self._others,
@@ -343,7 +342,8 @@ class SensingPerception(ObstaclePerception):
         blind = hits.find_blind(now_s, fresh_s=self.stale_s)
         norths, easts = hits.find_near(here_ned_m, hits.max_m + BEYOND_M)
         self._memory.note_points(norths, easts, here_ned_m, blind, hits.max_m, now_s)
-        clear_m = self._clear_m + self._noise.wider_m + (0.0 if self.sees_motion else UNTOLD_MOTION_M)
+        unsure_m = find_wider_m(self._kind, self.motion.odometry.shift_sd_m(now_s))
+        clear_m = self._clear_m + self._noise.wider_m + unsure_m
         cloud = LocalObstacleCloud(
             hits.max_m - clear_m,
             blind,

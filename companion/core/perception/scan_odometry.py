@@ -63,6 +63,8 @@ class ScanOdometry:
         "corrected_along",
         "corrected_by",
         "corrected_s",
+        "fixed_m2",
+        "fixed_s",
         "frame",
         "reckons",
         "shift_m",
@@ -89,6 +91,8 @@ class ScanOdometry:
         self.corrected_by = 0  # trunks that did so then
         # The one level direction (unit vector) in which walls alone did so then; None: in all
         self.corrected_along: tuple[float, float] | None = None
+        self.fixed_s = -math.inf  # when trunks or walls corrected it in all directions last
+        self.fixed_m2 = 0.0  # variance of the shift then, of the worse axis
         # Covariance of shift north, east, turn, frame: 16 numbers, by rows
         self._cov: list[float] = [0.0] * 16
         self._pos_m: tuple[float, float] | None = None  # reported last
@@ -107,6 +111,11 @@ class ScanOdometry:
     def is_corrected(self, now_s: float) -> bool:
         """Trunks or walls have corrected the pose lately."""
         return now_s - self.corrected_s <= FRESH_S
+
+    def shift_sd_m(self, now_s: float) -> float:
+        """Standard deviation of the shift, of an axis; inf: trunks and walls never told it in all directions."""
+        grows_m2 = RECKONS_M2_PER_S if self.reckons else SHIFT_M2_PER_S
+        return math.sqrt(self.fixed_m2 + grows_m2 * max(0.0, now_s - self.fixed_s))
 
     @property
     def frame_rad2(self) -> float:
@@ -232,6 +241,8 @@ class ScanOdometry:
             self.turn_rad += turn_rad
             self.corrected_s, self.corrected_by = now_s, len(found)
             self.corrected_along = None if len(found) >= LEAST_TRUNKS else _one_direction(found_walls)
+            if self.corrected_along is None:
+                self.fixed_s, self.fixed_m2 = now_s, max(self._cov[0], self._cov[5])
         for sighting in sightings:
             known = sighting.trunk
             radius_m = sighting.stem.radius_m if known is None else known.radius_m

@@ -10,8 +10,9 @@ import pytest
 from companion.core.model.beacon import PeerReport
 from companion.core.model.events import LidarScan, ObstacleScan, Position
 from companion.core.model.vectors import ZERO
+from companion.core.perception.motion_margin import find_wider_m
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud, ObstacleKind
-from companion.core.perception.obstacle_perception import UNTOLD_MOTION_M, build_perception
+from companion.core.perception.obstacle_perception import build_perception
 from companion.core.safety.safety_filter import SafetyFilter
 from tests.unit.core.core_kit import mission
 from tests.unit.core.core_surroundings import applied
@@ -99,11 +100,15 @@ def test_more_is_kept_from_what_is_seen_while_nothing_tells_the_own_motion() -> 
     perception = build_perception(mission(sensing={}), 1)
     own = Position((0.0, 0.0, -8.0), ZERO)
     clears_m = []
-    for k in range(1, 31):
+    for k in range(1, 141):
         now_s = 0.1 * k
         perception.correct_odometry(own, now_s)
-        perception.integrate_scan(scan_kit.sectors(STEMS, (0.0, 0.0), 0.0), own, now_s, ())
+        stems = STEMS if k <= 30 else STEMS[:1]  # one alone tells no motion
+        perception.integrate_scan(scan_kit.sectors(stems, (0.0, 0.0), 0.0), own, now_s, ())
         perception.correct_odometry(own, now_s + 0.01)
         clears_m.append(perception.observe_obstacles(own.pos_ned_m, own.pos_ned_m, {}, now_s).clears_m[0])
-    assert clears_m[0] == pytest.approx(0.65 + UNTOLD_MOTION_M)
-    assert clears_m[-1] == pytest.approx(0.65)
+    assert clears_m[0] == pytest.approx(0.65 + find_wider_m(scan_kit.SECTORS, math.inf))
+    assert clears_m[29] == pytest.approx(0.65)
+    assert 0.70 < clears_m[45] < 0.76  # 1.6 s after the last correction
+    assert clears_m[-1] == pytest.approx(clears_m[0])
+    assert max(clears_m[k + 1] - clears_m[k] for k in range(29, 139)) < 0.03  # no step

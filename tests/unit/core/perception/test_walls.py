@@ -150,8 +150,10 @@ def test_one_wall_tells_the_motion_across_it_alone(lines: list[Line], *, tells: 
     """Along it the reported velocity errs as before: no margin is given up."""
     perception = build_perception(mission(sensing={"sensor": "scan-1deg"}), 1)
     assert isinstance(perception, SensingPerception)
-    Beside(lines, FINE, (0.3, -0.3), perception.motion).run(4.0)
+    flight = Beside(lines, FINE, (0.3, -0.3), perception.motion)
+    flight.run(4.0)
     assert perception.sees_motion is tells
+    assert (perception.motion.odometry.shift_sd_m(flight.now_s) < 0.1) is tells
 
 
 @pytest.mark.parametrize("kind", [FINE, SECTORS])
