@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from typing import Final, final
 
-from companion.core.guidance.path_search import find_way
+from companion.core.guidance.search.path_search import find_way
 from companion.core.model.breadcrumbs import BreadcrumbTrail
 from companion.core.perception.obstacle_memory import SeenBefore
 
@@ -123,7 +123,11 @@ class DeadEndRecovery:
         if seen is None:
             return None
         share = TARGET_M / math.sqrt(desired[0] * desired[0] + desired[1] * desired[1])
-        return find_way(seen, (share * desired[0], share * desired[1]), known)
+        way = find_way(seen, (share * desired[0], share * desired[1]), known)
+        if way is None:
+            return None
+        away_m = math.hypot(way.aim[0], way.aim[1])
+        return way.aim[0] / away_m, way.aim[1] / away_m
 
     def _follow_way(
         self,

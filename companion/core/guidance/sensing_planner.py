@@ -1,4 +1,4 @@
-"""The local planner with an obstacle sensor: through the local obstacle cloud, level, and out of dead ends.
+"""The local planner with an obstacle sensor: through the local obstacle cloud, level, round walls, out of dead ends.
 
 Planned at 10 Hz (`course_planner`); the safety filter verifies every setpoint once more.
 """
@@ -14,7 +14,8 @@ from companion.core.guidance.course_planner import FREE_BEYOND_M, CoursePlanner
 from companion.core.guidance.dead_end_recovery import DeadEndRecovery
 from companion.core.guidance.guidance_input import GuidanceInput
 from companion.core.guidance.local_planner import LocalPlanner, not_against
-from companion.core.guidance.path_search import WIDER_M
+from companion.core.guidance.search.detour import Detour
+from companion.core.guidance.search.path_search import WIDER_M
 from companion.core.localisation.peer_table import PeerTable
 from companion.core.localisation.predicted_corridors import PredictedCorridor
 from companion.core.model.beacon import PeerReport
@@ -60,6 +61,7 @@ class SensingPlanner(LocalPlanner):
         self._looks_ahead: Final = sensing.field_of_view_deg < ALL_ROUND_DEG
         self._filter: Final = safety_filter
         self._courses: Final = CoursePlanner(safety_filter.response)
+        self._detour: Final = Detour(FREE_BEYOND_M)
         self._recovery: Final = DeadEndRecovery()
         self._planned_for: tuple[float, float] = (0.0, 0.0)  # what is desired, or the way out of a dead end
         self._since_s = PLAN_S
@@ -74,6 +76,7 @@ class SensingPlanner(LocalPlanner):
     def reset(self) -> None:
         """Forget the course."""
         self._courses.reset()
+        self._detour.reset()
         self._recovery.reset()
         self._since_s, self._course = PLAN_S, None
 
@@ -173,10 +176,11 @@ class SensingPlanner(LocalPlanner):
             (passed.norths[k], passed.easts[k], passed.clears_m[k])
             for k in range(len(cloud.norths), len(passed.norths))
         ]
-        desired_ne, courses = (desired[0], desired[1]), self._courses
-        want = self._recovery.redirect(
-            desired_ne, here, courses.side, courses.ahead_m, PLAN_S, cloud.seen_before, known
-        )
+        courses, seen = self._courses, cloud.seen_before
+        # Round what stands: those that hover are passed by courses, as neighbours are
+        trunks = known[len(cloud.hovering) :]
+        led = self._detour.lead((desired[0], desired[1]), here, reach_m, PLAN_S, seen, trunks)
+        want = self._recovery.redirect(led, here, courses.side, courses.ahead_m, PLAN_S, seen, known)
         self._planned_for = want
         return self._courses.plan(
             (want[0] + push_n, want[1] + push_e),

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from companion.core.guidance.course_planner import FREE_BEYOND_M, VERIFIED_MAX, CoursePlanner
-from companion.core.guidance.path_search import WIDER_M
+from companion.core.guidance.search.path_search import WIDER_M
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.safety.bounds import Bound
 from companion.core.safety.response_model import CREEP_MPS, LAG_S, ResponseModel

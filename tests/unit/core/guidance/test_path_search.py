@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 
 import pytest
 
 from companion.core.guidance.dead_end_recovery import PATIENCE_S, SEARCH_MAX_S, WAY_MPS, DeadEndRecovery
-from companion.core.guidance.path_search import find_way
+from companion.core.guidance.search import path_search
 from companion.core.perception.obstacle_memory import SeenBefore
 
 CLEAR_M = 0.65
 NORTH = (3.0, 0.0)
 Points = list[tuple[float, float]]
+
+
+def find_way(
+    points: SeenBefore, target: tuple[float, float], known: Sequence[tuple[float, float, float]] = ()
+) -> tuple[float, float] | None:
+    """The direction in which it begins."""
+    way = path_search.find_way(points, target, known)
+    if way is None:
+        return None
+    away_m = math.hypot(*way.aim)
+    return way.aim[0] / away_m, way.aim[1] / away_m
 
 
 def seen(points: Points, here: tuple[float, float] = (0.0, 0.0)) -> SeenBefore:

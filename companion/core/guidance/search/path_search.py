@@ -2,7 +2,7 @@
 
 The grid's cells stand still while the vehicle moves: a gap that was a way is one half a second later. With what is seen
 on the way it is searched anew, so that in a finite stand a way that there is is found. It leads, and no more: each
-setpoint on it is verified as any other.
+setpoint on it is verified as any other. A target beyond the grid is reached at its border.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, final
 
 from companion.core.perception.obstacle_memory import SeenBefore
 
@@ -24,6 +24,7 @@ EXPANDED_MAX: Final = 6000  # cells; all of them are 9409
 REACHED_CELLS: Final = 4.0  # of the target: a trunk may stand there
 SLACK_M: Final = 0.05  # a vehicle that is too near to a point already may go where it comes no nearer than by this
 AHEAD_M: Final = 3.0  # how far along it the vehicle aims
+SIDE_PRICE: Final = 0.1  # more for each metre on the other side of the straight way than the one chosen
 STEPS = (
     (-1, -1, math.sqrt(2.0)),
     (-1, 0, 1.0),
@@ -36,24 +37,41 @@ STEPS = (
 )
 
 
+@final
+class FoundWay:
+    """The beginning of a way: a place (north, east, m from the vehicle) to which it is straight; how long it is."""
+
+    __slots__ = ("aim", "longer_m")
+
+    def __init__(self, aim: tuple[float, float], longer_m: float) -> None:
+        self.aim: Final = aim
+        self.longer_m: Final = longer_m  # than the straight one, both along the grid's axes and diagonals
+
+
 def find_way(
     seen: SeenBefore,
     target: tuple[float, float],
     known: Sequence[tuple[float, float, float]] = (),
-) -> tuple[float, float] | None:
-    """The direction (unit vector north, east) in which a way to `target` begins; None: no way is found within the grid.
+    *,
+    wider_m: float = WIDER_M,
+    ahead_m: float = AHEAD_M,
+    side: int = 0,
+) -> FoundWay | None:
+    """A way to `target`, of which a straight piece of `ahead_m` at most is told; None: there is none in the grid.
 
     `target`: metres north and east of the vehicle. `known`: places that are not seen but known, north and east of the
-    vehicle, and what is kept from each.
+    vehicle, and what is kept from each. `wider_m`: more than what is kept. `side`: -1 left, 1 right of the straight way
+    to the target, where it is to lead unless the other side is clearly shorter; 0: wherever.
     """
     off = off_n, off_e = seen.find_offset(CELL_M)
-    blocked = _mark_blocked(seen, seen.clear_m + WIDER_M, off)
+    blocked = _mark_blocked(seen, seen.clear_m + wider_m, off)
     for north_m, east_m, keep_m in known:
         away_m = math.hypot(north_m, east_m)
         # One that is too near already may go where it comes no nearer
-        wide_m = keep_m + WIDER_M if away_m > keep_m else away_m - CELL_M
+        wide_m = keep_m + wider_m if away_m > keep_m else away_m - CELL_M
         _block_disc(blocked, north_m + off_n, east_m + off_e, wide_m)
-    goal_n, goal_e = _clamp((target[0] + off_n) / CELL_M), _clamp((target[1] + off_e) / CELL_M)
+    goal_n, goal_e = math.floor((target[0] + off_n) / CELL_M + 0.5), math.floor((target[1] + off_e) / CELL_M + 0.5)
+    is_beyond = max(abs(goal_n), abs(goal_e)) > HALF_CELLS
     start = _index(0, 0)
     least_m = [math.inf] * (SIDE * SIDE)
     came = [-1] * (SIDE * SIDE)
@@ -67,14 +85,17 @@ def find_way(
         if cost > least_m[here] + left + 1e-9:
             continue  # it was reached by a shorter way since
         expanded += 1
-        if left <= REACHED_CELLS:
-            return _aim(here, came, blocked, off)
+        if left <= REACHED_CELLS or (is_beyond and max(abs(at_n), abs(at_e)) == HALF_CELLS):
+            aim = _aim(here, came, blocked, off, ahead_m)
+            longer_m = CELL_M * (least_m[here] + left - _left(0, 0, goal_n, goal_e))
+            return None if aim is None else FoundWay(aim, longer_m)
         for d_n, d_e, length in STEPS:
             to_n, to_e = at_n + d_n, at_e + d_e
             if abs(to_n) > HALF_CELLS or abs(to_e) > HALF_CELLS:
                 continue
             to = _index(to_n, to_e)
-            there_m = least_m[here] + length
+            is_aside = side * (goal_n * to_e - goal_e * to_n) < 0
+            there_m = least_m[here] + length * (1.0 + SIDE_PRICE if is_aside else 1.0)
             if not blocked[to] and there_m < least_m[to]:
                 least_m[to], came[to] = there_m, here
                 heapq.heappush(queue, (there_m + _left(to_n, to_e, goal_n, goal_e), to))
@@ -119,8 +140,10 @@ def _nearest_m(norths: list[float], easts: list[float], north_m: float, east_m: 
     return math.sqrt(least_m2)
 
 
-def _aim(last: int, came: list[int], blocked: bytearray, off: tuple[float, float]) -> tuple[float, float] | None:
-    """Direction to the farthest cell of the way, AHEAD_M at most, to which the straight line is free."""
+def _aim(
+    last: int, came: list[int], blocked: bytearray, off: tuple[float, float], ahead_m: float
+) -> tuple[float, float] | None:
+    """The farthest cell of the way, `ahead_m` at most, to which the straight line is free: from the vehicle."""
     way = [last]
     while came[way[-1]] >= 0:
         way.append(came[way[-1]])
@@ -128,15 +151,13 @@ def _aim(last: int, came: list[int], blocked: bytearray, off: tuple[float, float
     aim_n = aim_e = 0
     for k in range(1, len(way)):
         at_n, at_e = way[k] // SIDE - HALF_CELLS, way[k] % SIDE - HALF_CELLS
-        is_far = math.hypot(at_n, at_e) * CELL_M > AHEAD_M
+        is_far = math.hypot(at_n, at_e) * CELL_M > ahead_m
         if k > 1 and (is_far or not _is_line_free(at_n, at_e, blocked)):
             break
         aim_n, aim_e = at_n, at_e
     if aim_n == 0 and aim_e == 0:
         return None
-    to_n, to_e = aim_n * CELL_M - off[0], aim_e * CELL_M - off[1]
-    away_m = math.hypot(to_n, to_e)
-    return to_n / away_m, to_e / away_m
+    return aim_n * CELL_M - off[0], aim_e * CELL_M - off[1]
 
 
 def _is_line_free(to_n: int, to_e: int, blocked: bytearray) -> bool:
@@ -155,7 +176,3 @@ def _left(at_n: int, at_e: int, goal_n: int, goal_e: int) -> float:
 
 def _index(at_n: int, at_e: int) -> int:
     return (at_n + HALF_CELLS) * SIDE + at_e + HALF_CELLS
-
-
-def _clamp(cells: float) -> int:
-    return max(-HALF_CELLS, min(HALF_CELLS, math.floor(cells + 0.5)))
