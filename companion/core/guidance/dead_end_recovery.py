@@ -6,9 +6,9 @@ Level and by odometry: of the own reported positions only differences count.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Final, final
 
+from companion.core.guidance.search.known_places import NOTHING, KnownPlaces
 from companion.core.guidance.search.path_search import find_way
 from companion.core.model.breadcrumbs import BreadcrumbTrail
 from companion.core.perception.obstacle_memory import SeenBefore
@@ -80,12 +80,12 @@ class DeadEndRecovery:
         ahead_m: float,
         dt_s: float,
         seen: SeenBefore | None = None,
-        known: Sequence[tuple[float, float, float]] = (),
+        known: KnownPlaces = NOTHING,
     ) -> tuple[float, float]:
         """The velocity to fly instead, (north, east) m/s; the same while the vehicle gets on.
 
         `side`: -1 left, 1 right, on which it passes trunks, 0: none; `ahead_m`: free way along the desired; `seen`: all
-        that was seen; `known`: as `find_way` has it.
+        that was seen; `known`: what was not.
         """
         desired_mps = math.sqrt(desired[0] * desired[0] + desired[1] * desired[1])
         moved_m = self._move(pos, desired, desired_mps)
@@ -109,16 +109,14 @@ class DeadEndRecovery:
             self._commit(side)
         return desired
 
-    def _begin_way(
-        self, desired: tuple[float, float], seen: SeenBefore | None, known: Sequence[tuple[float, float, float]]
-    ) -> bool:
+    def _begin_way(self, desired: tuple[float, float], seen: SeenBefore | None, known: KnownPlaces) -> bool:
         """Searches for a way; False: there is none."""
         self._searched_s = self._since_s = 0.0
         self._way = self._search(desired, seen, known)
         return self._way is not None
 
     def _search(
-        self, desired: tuple[float, float], seen: SeenBefore | None, known: Sequence[tuple[float, float, float]]
+        self, desired: tuple[float, float], seen: SeenBefore | None, known: KnownPlaces
     ) -> tuple[float, float] | None:
         if seen is None:
             return None
@@ -136,7 +134,7 @@ class DeadEndRecovery:
         ahead_m: float,
         dt_s: float,
         seen: SeenBefore | None,
-        known: Sequence[tuple[float, float, float]],
+        known: KnownPlaces,
     ) -> tuple[float, float] | None:
         """Along the way; None: it is out, or there is none any more."""
         self._searched_s += dt_s

@@ -15,6 +15,7 @@ from companion.core.guidance.dead_end_recovery import DeadEndRecovery
 from companion.core.guidance.guidance_input import GuidanceInput
 from companion.core.guidance.local_planner import LocalPlanner, not_against
 from companion.core.guidance.search.detour import Detour
+from companion.core.guidance.search.known_places import KnownPlaces
 from companion.core.guidance.search.path_search import WIDER_M
 from companion.core.localisation.peer_table import PeerTable
 from companion.core.localisation.predicted_corridors import PredictedCorridor
@@ -28,6 +29,7 @@ from companion.core.safety.clearance import Use, clearance_m
 from companion.core.safety.descent import LANDING_ROOM_M
 from companion.core.safety.response_model import Disturbance
 from companion.core.safety.safety_filter import SafetyFilter
+from companion.core.safety.surroundings import Surroundings
 from mission.common.frames import Vec3
 from mission.document.height_layers import list_layers
 from mission.document.model import Mission, Sensing
@@ -140,7 +142,7 @@ class SensingPlanner(LocalPlanner):
             last = add(around.commanded_ned_mps, around.drift_ned_mps)
             bounds = self._filter.separations(around)
             self._course = self._find_course(
-                desired, around.own, last, around.cloud, bounds, around.disturbance, reach_m
+                desired, around.own, last, around.cloud, bounds, around.disturbance, reach_m, self._fence_from(around)
             )
         course = self._course
         return (0.0, 0.0, desired[2]) if course is None else (course[0], course[1], desired[2])
@@ -158,6 +160,11 @@ class SensingPlanner(LocalPlanner):
         north, east = self._planned_for
         return (north, east, 0.0) if self._looks_ahead else None
 
+    def _fence_from(self, around: Surroundings) -> list[tuple[float, float]]:
+        """The corners of the fence from the vehicle, north and east."""
+        north, east, _ = around.placed.pos_ned_m
+        return [(n - north, e - east) for n, e in self._filter.polygon_m]
+
     def _find_course(
         self,
         desired: Vec3,
@@ -167,6 +174,7 @@ class SensingPlanner(LocalPlanner):
         bounds: Sequence[Bound],
         disturbance: Disturbance,
         reach_m: float,
+        fence: Sequence[tuple[float, float]],
     ) -> tuple[float, float] | None:
         """`desired` (NED m/s), turned and slowed so that it leads clear; None where nothing is found to."""
         passed = with_known(cloud)
@@ -178,9 +186,10 @@ class SensingPlanner(LocalPlanner):
         ]
         courses, seen = self._courses, cloud.seen_before
         # Round what stands: those that hover are passed by courses, as neighbours are
-        trunks = known[len(cloud.hovering) :]
+        trunks = KnownPlaces(known[len(cloud.hovering) :], fence)
         led = self._detour.lead((desired[0], desired[1]), here, reach_m, PLAN_S, seen, trunks)
-        want = self._recovery.redirect(led, here, courses.side, courses.ahead_m, PLAN_S, seen, known)
+        places = KnownPlaces(known, fence)
+        want = self._recovery.redirect(led, here, courses.side, courses.ahead_m, PLAN_S, seen, places)
         self._planned_for = want
         return self._courses.plan(
             (want[0] + push_n, want[1] + push_e),

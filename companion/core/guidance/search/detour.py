@@ -7,9 +7,9 @@ than the straight one the vehicle flies along it from as far away as it sees; el
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Final, final
 
+from companion.core.guidance.search.known_places import KnownPlaces
 from companion.core.guidance.search.path_search import find_way
 from companion.core.perception.obstacle_memory import SeenBefore
 
@@ -51,12 +51,12 @@ class Detour:
         reach_m: float,
         dt_s: float,
         seen: SeenBefore | None,
-        known: Sequence[tuple[float, float, float]],
+        known: KnownPlaces,
     ) -> tuple[float, float]:
         """The velocity (north, east, m/s) along the detour, as fast as desired; as desired where there is none.
 
         `pos`: own, level, of which only differences count; `reach_m`: how far it goes on, inf: it follows; `seen`: all
-        that was seen; `known`: as `find_way` has it.
+        that was seen; `known`: what was not.
         """
         desired_mps = math.sqrt(desired[0] * desired[0] + desired[1] * desired[1])
         if seen is None or desired_mps < DESIRED_LEAST_MPS:
@@ -82,7 +82,7 @@ class Detour:
         pos: tuple[float, float],
         reach_m: float,
         seen: SeenBefore,
-        known: Sequence[tuple[float, float, float]],
+        known: KnownPlaces,
     ) -> None:
         share = (TARGET_M if math.isinf(reach_m) else min(reach_m, TARGET_MAX_M)) / desired_mps
         to_n, to_e = share * desired[0], share * desired[1]

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Sequence
 from typing import Final, final
 
+from companion.core.guidance.search.known_places import NOTHING, KnownPlaces
 from companion.core.perception.obstacle_memory import SeenBefore
 
 CELL_M: Final = 0.5
@@ -51,7 +51,7 @@ class FoundWay:
 def find_way(
     seen: SeenBefore,
     target: tuple[float, float],
-    known: Sequence[tuple[float, float, float]] = (),
+    known: KnownPlaces = NOTHING,
     *,
     wider_m: float = WIDER_M,
     ahead_m: float = AHEAD_M,
@@ -59,17 +59,18 @@ def find_way(
 ) -> FoundWay | None:
     """A way to `target`, of which a straight piece of `ahead_m` at most is told; None: there is none in the grid.
 
-    `target`: metres north and east of the vehicle. `known`: places that are not seen but known, north and east of the
-    vehicle, and what is kept from each. `wider_m`: more than what is kept. `side`: -1 left, 1 right of the straight way
-    to the target, where it is to lead unless the other side is clearly shorter; 0: wherever.
+    `target`: metres north and east of the vehicle; beyond the fence it is before it. `wider_m`: more than what is kept.
+    `side`: -1 left, 1 right of the straight way to the target, where it is to lead unless the other side is clearly
+    shorter; 0: wherever.
     """
     off = off_n, off_e = seen.find_offset(CELL_M)
     blocked = _mark_blocked(seen, seen.clear_m + wider_m, off)
-    for north_m, east_m, keep_m in known:
+    for north_m, east_m, keep_m in known.find_discs(HALF_CELLS * CELL_M):
         away_m = math.hypot(north_m, east_m)
         # One that is too near already may go where it comes no nearer
         wide_m = keep_m + wider_m if away_m > keep_m else away_m - CELL_M
         _block_disc(blocked, north_m + off_n, east_m + off_e, wide_m)
+    target = known.end_before(target)
     goal_n, goal_e = math.floor((target[0] + off_n) / CELL_M + 0.5), math.floor((target[1] + off_e) / CELL_M + 0.5)
     is_beyond = max(abs(goal_n), abs(goal_e)) > HALF_CELLS
     start = _index(0, 0)

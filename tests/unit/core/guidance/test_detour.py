@@ -10,6 +10,7 @@ import pytest
 from companion.core.guidance import formation
 from companion.core.guidance.guidance_input import GuidanceInput
 from companion.core.guidance.search.detour import LONGER_M, SEARCH_S, Detour
+from companion.core.guidance.search.known_places import NOTHING
 from companion.core.guidance.search.path_search import find_way
 from companion.core.guidance.sensing_planner import SensingPlanner
 from companion.core.model.events import Position
@@ -44,7 +45,7 @@ def wall(left_m: float, right_m: float, north_m: float = 8.0) -> SeenBefore:
 
 
 def lead(detour: Detour, seen: SeenBefore, reach_m: float = 40.0) -> tuple[float, float]:
-    return detour.lead(NORTH, HERE, reach_m, SEARCH_S, seen, ())
+    return detour.lead(NORTH, HERE, reach_m, SEARCH_S, seen, NOTHING)
 
 
 def test_it_flies_as_desired_where_nothing_or_a_trunk_is_in_the_way() -> None:
@@ -78,7 +79,7 @@ def test_it_ends_behind_the_wall_and_with_the_desire() -> None:
     lead(detour, wall(12.0, 6.0))
     assert lead(detour, wall(12.0, 6.0, north_m=-3.0)) == NORTH
     lead(detour, wall(12.0, 6.0))
-    assert detour.lead((0.1, 0.0), HERE, 40.0, 0.1, wall(12.0, 6.0), ()) == (0.1, 0.0)
+    assert detour.lead((0.1, 0.0), HERE, 40.0, 0.1, wall(12.0, 6.0), NOTHING) == (0.1, 0.0)
     assert not detour.is_flown
 
 

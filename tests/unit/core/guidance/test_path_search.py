@@ -10,6 +10,7 @@ import pytest
 
 from companion.core.guidance.dead_end_recovery import PATIENCE_S, SEARCH_MAX_S, WAY_MPS, DeadEndRecovery
 from companion.core.guidance.search import path_search
+from companion.core.guidance.search.known_places import KnownPlaces
 from companion.core.perception.obstacle_memory import SeenBefore
 
 CLEAR_M = 0.65
@@ -18,10 +19,13 @@ Points = list[tuple[float, float]]
 
 
 def find_way(
-    points: SeenBefore, target: tuple[float, float], known: Sequence[tuple[float, float, float]] = ()
+    points: SeenBefore,
+    target: tuple[float, float],
+    known: Sequence[tuple[float, float, float]] = (),
+    fence: Sequence[tuple[float, float]] = (),
 ) -> tuple[float, float] | None:
     """The direction in which it begins."""
-    way = path_search.find_way(points, target, known)
+    way = path_search.find_way(points, target, KnownPlaces(known, fence))
     if way is None:
         return None
     away_m = math.hypot(*way.aim)
@@ -151,3 +155,37 @@ def test_a_way_is_not_flown_for_ever() -> None:
     for _ in range(round(SEARCH_MAX_S / 0.1) + 2):
         said = recovery.redirect(NORTH, (0.0, 0.0), 1, 1.0, 0.1, seen(pocket()))
     assert said[1] > 2.0  # to its side: what bars it is not among what was seen
+
+
+def box(south: float, west: float, north: float, east: float, turned_rad: float = 0.0) -> Points:
+    """A fence, turned about the vehicle."""
+    cos, sin = math.cos(turned_rad), math.sin(turned_rad)
+    corners = [(south, west), (south, east), (north, east), (north, west)]
+    return [(cos * n - sin * e, sin * n + cos * e) for n, e in corners]
+
+
+@pytest.mark.parametrize("turned_deg", [0.0, 10.0, 45.0])
+def test_no_way_leads_over_the_fence(turned_deg: float) -> None:
+    """A wall from the fence in the west to 9 m east: round its western end there is nothing but the fence."""
+    turned_rad = math.radians(turned_deg)
+    cos, sin = math.cos(turned_rad), math.sin(turned_rad)
+    wall = [(cos * 4.0 - sin * e, sin * 4.0 + cos * e) for e in (0.4 * k - 2.2 for k in range(29))]
+    target = (20.0 * cos, 20.0 * sin)
+    west = find_way(seen(wall), target)
+    east = find_way(seen(wall), target, fence=box(-20.0, -2.4, 30.0, 22.0, turned_rad))
+    assert west is not None
+    assert east is not None
+    assert cos * west[1] - sin * west[0] < -0.3
+    assert cos * east[1] - sin * east[0] > 0.3
+
+
+def test_a_target_beyond_the_fence_is_before_it() -> None:
+    fence = box(-20.0, -20.0, 8.0, 20.0)
+    assert KnownPlaces((), fence).end_before((20.0, 0.0)) == pytest.approx((6.5, 0.0))
+    assert KnownPlaces((), fence).end_before((4.0, 3.0)) == (4.0, 3.0)
+    assert find_way(seen([]), (20.0, 0.0), fence=fence) == pytest.approx((1.0, 0.0))
+
+
+def test_one_that_is_outside_of_the_fence_may_come_back() -> None:
+    fence = box(5.0, -10.0, 25.0, 10.0)
+    assert find_way(seen([]), (15.0, 0.0), fence=fence) == pytest.approx((1.0, 0.0))
