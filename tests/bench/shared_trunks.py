@@ -1,8 +1,10 @@
 """Relative errors with trunks shared and without: `python -m tests.bench shared-trunks`.
 
 mission/studies/by_ranges.toml by raw scans of 1 degree and 12 m; how many fly, the stand's density and the radio's loss
-are drawn, or given. Each flight is flown twice, on point masses: its vehicles tell of trunks, and do not. Then false
-alignments: constellations of drawn stands, leafy clumps among them, held against other stands, and against their own.
+are drawn, or given. Each flight is flown twice, on point masses: its vehicles tell of trunks, and do not. An estimate
+is held against the places from before the tick in which it is read, as its odometers are. Neighbours that a vehicle has
+not heard for a second, whom it places nowhere, are counted apart. Then false alignments: constellations of drawn
+stands, leafy clumps among them, held against other stands, and against their own.
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ from companion.core.localisation.gnss_denied.localiser import GnssDeniedLocalise
 from companion.core.model.beacon import ToldTrunk
 from companion.core.model.states import SwarmPhase
 from companion.core.perception.obstacle_perception import SensingPerception
+from mission.common.frames import Vec3
 from mission.document.model import Mission
 from sim_bridge.drive import fly
 from sim_bridge.drive.lockstep.lockstep import InProcess
@@ -40,6 +43,7 @@ STUDY = Path(mission.__file__).parent / "studies" / "by_ranges.toml"
 SALT = 0x7A1B
 EVERY = 10  # ticks between two looks
 FALSE_M, FALSE_RAD = 1.5, math.radians(5.0)
+CLEARING_S = 10.0  # since the first has departed: until then hardly two vehicles have six trunks in common
 PHASES = (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE)
 
 
@@ -48,19 +52,26 @@ class Errors:
     """Of one flight: of every vehicle about every other, while the swarm is under way."""
 
     place_m2: list[float] = field(default_factory=list)
+    among_m2: list[float] = field(default_factory=list)  # of them, later than CLEARING_S
+    unheard_m2: list[float] = field(default_factory=list)  # of neighbours that are not heard, not among the others
     turn_rad2: list[float] = field(default_factory=list)
     aligned: int = 0
     false: int = 0
     worst_m: float = 0.0  # of an alignment's place
+    places: dict[int, Vec3] = field(default_factory=dict)  # before this tick
+    departed_s: float | None = None
     seen_s: dict[tuple[int, int], float] = field(default_factory=dict)  # by pair: the last alignment
 
     def watch(self, flight: fly.Flight) -> None:
         """After each tick."""
         agents = {k: c.endpoint.agent for k, c in flight.lockstep.companions.items() if isinstance(c, InProcess)}
         tick = round(flight.world.now_s * 20.0)
+        places, self.places = self.places, flight.world.positions()
         if not any(agent.swarm.phases.phase in PHASES for agent in agents.values()):
             return
-        places = flight.world.positions()
+        if self.departed_s is None:
+            self.departed_s = flight.world.now_s
+        is_among = flight.world.now_s - self.departed_s > CLEARING_S
         frames = {k: _frame_rad(flight, k, agent.perception) for k, agent in agents.items()}
         for k, agent in agents.items():
             localiser = agent.localiser
@@ -71,18 +82,24 @@ class Errors:
                 there = turned(-frames[k], places[other][0] - places[k][0], places[other][1] - places[k][1])
                 turn_rad = frames[other] - frames[k]
                 if tick % EVERY == 0:
-                    self._note(joint, other, there, turn_rad)
+                    self._note(joint, other, there, turn_rad, is_among=is_among)
                 found = None if localiser.trunks is None else localiser.trunks.aligned.get(other)
                 if found is not None and self.seen_s.get((k, other)) != found[1]:
                     self.seen_s[k, other] = found[1]
                     self._hold(found[0], joint, localiser.ranging.odo_ne_m, other, there, turn_rad)
 
-    def _note(self, joint: Any, other: int, there: tuple[float, float], turn_rad: float) -> None:
+    def _note(self, joint: Any, other: int, there: tuple[float, float], turn_rad: float, *, is_among: bool) -> None:
         known = joint.relative(other)
         if known is None:
             return
         at = turned(-joint.compass[0], *known.ne_m)
-        self.place_m2.append((at[0] - there[0]) ** 2 + (at[1] - there[1]) ** 2)
+        off_m2 = (at[0] - there[0]) ** 2 + (at[1] - there[1]) ** 2
+        if joint.has_lost(other):
+            self.unheard_m2.append(off_m2)
+            return
+        self.place_m2.append(off_m2)
+        if is_among:
+            self.among_m2.append(off_m2)
         self.turn_rad2.append(math.remainder(joint.compass_of(other) - joint.compass[0] - turn_rad, math.tau) ** 2)
 
     def _hold(
@@ -122,6 +139,9 @@ class Flown:
     shares: bool
     verdict: str
     place_m: float
+    among_m: float
+    unheard: float  # share of what was looked at
+    unheard_m: float
     turn_deg: float
     separation_m: float
     contacts: int
@@ -162,6 +182,9 @@ def fly_one(job: tuple[int, int | None, float | None, float | None, bool]) -> Fl
         shares,
         str(outcome.summary["verdict"]),
         _root_mean(errors.place_m2),
+        _root_mean(errors.among_m2),
+        len(errors.unheard_m2) / max(1, len(errors.unheard_m2) + len(errors.place_m2)),
+        _root_mean(errors.unheard_m2),
         math.degrees(_root_mean(errors.turn_rad2)),
         outcome.metrics.min_separation_m or 0.0,
         outcome.metrics.contacts,
@@ -257,8 +280,8 @@ def main(argv: Sequence[str]) -> int:
             print(row, flush=True)
             rows.append(row)
         if rows:
-            print("\n| trunks | flights | arrived | place, m | turn, deg | separation, m | aligned | falsely |")
-            print("|---|---|---|---|---|---|---|---|")
+            print("\n| trunks | flights | arrived | place, m | among, m | turn, deg | apart, m | aligned | falsely |")
+            print("|---|---|---|---|---|---|---|---|---|")
         for shares in (False, True) if rows else ():
             print(_pooled([row for row in rows if row.shares is shares], "shared" if shares else "not shared"))
         print()
@@ -269,6 +292,7 @@ def main(argv: Sequence[str]) -> int:
 
 def _pooled(rows: Sequence[Flown], what: str) -> str:
     arrived = sum(row.verdict == "ARRIVED" for row in rows)
-    cells = [spread([getattr(row, name) for row in rows], "") for name in ("place_m", "turn_deg", "separation_m")]
+    names = ("place_m", "among_m", "turn_deg", "separation_m")
+    cells = [spread([getattr(row, name) for row in rows], "") for name in names]
     aligned, false = sum(row.aligned for row in rows), sum(row.false for row in rows)
     return f"| {what} | {len(rows)} | {arrived} | {' | '.join(cells)} | {aligned} | {false} |"

@@ -36,11 +36,12 @@ class Errors:
     yaw_rad: float = math.radians(2.0)  # of a compass, forgotten in `yaw_s`
     yaw_s: float = 300.0
     range_m: float = 0.1
+    mean_range_m: float | None = None  # what a pair's ranges of an epoch have in common; None: each is weighed alone
     bearing_rad: float = math.radians(5.0)
 
 
 # Of odometers that raw scans correct: 0.01 to 0.04 m in 2 s among 400 trees/ha; more where few trunks are in sight
-BY_TRUNKS: Final = Errors(velocity_mps=0.05, bias_mps=0.02)
+BY_TRUNKS: Final = Errors(velocity_mps=0.05, bias_mps=0.02, mean_range_m=0.04)
 
 
 @final

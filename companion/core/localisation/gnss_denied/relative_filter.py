@@ -23,6 +23,7 @@ from collections.abc import Sequence
 from typing import Final, final
 
 from companion.core.localisation.gnss_denied.constellation import Alignment, turned
+from companion.core.localisation.gnss_denied.epoch_ranges import EpochRanges
 from companion.core.localisation.gnss_denied.error_state import Errors, ErrorStateCovariance, Level
 from companion.core.localisation.gnss_denied.relative_state import COASTS_S, Relative, VehicleMean, aligned_row
 from companion.core.model.linear_algebra import Matrix, Row
@@ -56,6 +57,7 @@ class RelativeFilter:
         self.used = self.dropped = 0  # measurements
         self._squares = 0.0
         self._waiting: list[_Range] = []
+        self._ranges = EpochRanges(self._errors)
         self._aligned: dict[int, Alignment] = {}  # by neighbour: what waits for the end of the epoch
         self._trust = 1.0  # normalised innovation squared, lately
 
@@ -117,6 +119,7 @@ class RelativeFilter:
             if a is not None and b is not None:
                 slot_a = -1 if one is None else self.ids.index(one)
                 self._take_range(a, b, (slot_a, self.ids.index(other)), level_m, at_s, now_s)
+        self._ranges.reckon_in(self._covariance)
 
     def _take_range(
         self, a: VehicleMean, b: VehicleMean, slots: tuple[int, int], level_m: float, at_s: float, now_s: float
@@ -140,7 +143,7 @@ class RelativeFilter:
         )
         weight = self._weigh_innovation(off_m, var + self._covariance.range_variance(slot_a, slot_b, u_n, u_e)) / var
         if self._is_good(a, b, slots, weight, abs(off_m), now_s):
-            self._covariance.add_range(slot_a, slot_b, u_n, u_e, off_m, weight)
+            self._ranges.add(slots, (u_n, u_e, off_m, weight), self._covariance)
 
     def update_bearing(self, vehicle: int, north_rad: float, now_s: float) -> None:
         """The direction in which this vehicle sees a neighbour now: clockwise from the north of its own compass."""
@@ -148,8 +151,8 @@ class RelativeFilter:
         if mover is None:
             return
         slot = self.ids.index(vehicle)
-        self._extrapolate(self._me, now_s)
-        self._extrapolate(mover, now_s)
+        for one in (self._me, mover):
+            self._extrapolate(one, now_s)
         if mover.lost:
             return
         square = mover.n_m * mover.n_m + mover.e_m * mover.e_m
@@ -189,8 +192,7 @@ class RelativeFilter:
         if self._epoch_s < 0.0:
             self._epoch_s = now_s
         elif now_s - self._epoch_s >= EPOCH_S - 1e-6:
-            since_s = now_s - self._epoch_s
-            self._epoch_s = now_s
+            since_s, self._epoch_s = now_s - self._epoch_s, now_s
             self._take_ranges(now_s)
             self._propagate_covariance(since_s)
             if self._covariance.fresh:
@@ -270,8 +272,7 @@ class RelativeFilter:
     def _read_odometry(
         self, mover: VehicleMean, odo_ne_m: Level, vel_ne_mps: Level, age_s: float, now_s: float, slot: int
     ) -> None:
-        odo_n, odo_e = odo_ne_m
-        vel_n, vel_e = vel_ne_mps
+        (odo_n, odo_e), (vel_n, vel_e) = odo_ne_m, vel_ne_mps
         if not (vel_n * vel_n + vel_e * vel_e <= FASTEST_MPS * FASTEST_MPS and 0.0 <= age_s <= OLDEST_S):
             return
         if odo_n - odo_n != 0.0 or odo_e - odo_e != 0.0:  # no number
@@ -388,12 +389,11 @@ class RelativeFilter:
 
     def _correct_means(self, change: Row) -> None:
         joint = self._covariance
-        c, s = math.cos(change[2 * joint.n]), math.sin(change[2 * joint.n])
         for slot in range(-1, joint.n):
             mover = self._me if slot < 0 else self._of[self.ids[slot]]
             if slot >= 0:
                 n_m, e_m = mover.n_m + change[2 * slot], mover.e_m + change[2 * slot + 1]
-                mover.n_m, mover.e_m = c * n_m - s * e_m, s * n_m + c * e_m
+                mover.n_m, mover.e_m = turned(change[2 * joint.n], n_m, e_m)
             bias = joint.bias(slot)
             mover.bias_n += change[bias]
             mover.bias_e += change[bias + 1]

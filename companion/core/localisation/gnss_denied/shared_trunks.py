@@ -30,8 +30,8 @@ AGREES_RAD: Final = math.radians(1.5)
 AGREES_S: Final = 3.5  # between them: two messages may be lost
 MOVED_MAX_M: Final = 10.0  # a message that was on its way for longer, or an odometer that began anew
 ALIGNS_S: Final = 0.5  # between two of one sender
-PLACE_FLOOR_M: Final = 0.12
-TURN_FLOOR_RAD: Final = math.radians(0.5)
+PLACE_FLOOR_M: Final = 0.08
+TURN_FLOOR_RAD: Final = math.radians(0.25)
 BEYOND_RANGE_M: Final = 0.6  # a neighbour may be told so much farther off than the own radio measures
 RANGE_S: Final = 0.5  # lately
 
