@@ -1,4 +1,4 @@
-"""What a search for a way knows without having seen it: those that hover, the mission's trunks, the fence.
+"""Places that a search for a way knows without having seen them: of those that hover, mission trunks, the fence.
 
 From the vehicle, metres north and east. The sides of a fence are barred: no way leads over them, and a target beyond
 one is taken to be before it.
