@@ -29,14 +29,14 @@ class RangeRadio(SensorSource):
         "with the vehicle's own system id, has measured vehicles of the mission and nothing else, and has no gap above "
         f"{GAP_MAX_S:g} s. A warning: some of the others were not measured. At least one other's radio must be on."
     )
-    UNUSED = "has no [ranging], so nothing would go by this radio"
+    UNUSED = "has no [ranging], or its radio = false, so nothing would go by this radio"
     STALE = "no range that is fresh"
     NEEDS_LINK = "it has [ranging]"
 
     @classmethod
     def is_flown(cls, mission: Mission) -> bool:
         """True if it says that vehicles have range radios."""
-        return mission.ranging is not None
+        return mission.has_range_radios
 
     @classmethod
     def of(cls, _mission: Mission) -> Self:

@@ -125,6 +125,14 @@ def drift_of(bias_ne_mps: Level) -> Vec3:
     return (-share * north, -share * east, 0.0)
 
 
+def drifted_m(errors: Errors, start_sd_m: float, aged_s: float, way_m: float) -> float:
+    """Error of the positions of two odometers after that time and way, sd on an axis, by what is believed of them."""
+    bias_m2 = 2.0 * errors.bias_mps**2 * errors.bias_s * aged_s
+    noise_m2 = errors.velocity_mps**2 * errors.velocity_s * aged_s
+    turned_m = errors.yaw_rad * way_m
+    return math.sqrt(2.0 * (start_sd_m**2 + bias_m2 + noise_m2 + turned_m**2))
+
+
 def aligned_row(
     found: Alignment, me: VehicleMean, mover: VehicleMean, axis: int, states: tuple[int, int, int, int]
 ) -> tuple[list[tuple[int, float]], float, float]:
