@@ -18,14 +18,14 @@ GAP_MAX_S = 2.0  # twice what the slowest radio takes (ranging.rate_hz)
 
 
 class RangeRadio(SensorSource):
-    """A vehicle's range radio, in a mission with [ranging]."""
+    """A vehicle's range radio, in a mission with [ranging] whose `radio` is true."""
 
     NAME = "ranges"
     TITLE = "range radio"
     MESSAGES = {dialect.MAVLINK_MSG_ID_SWARM_RANGES: "SWARM_RANGES"}  # noqa: RUF012
     HELP = "SWARM_RANGES of a range radio, in a mission with [ranging]"
     ABOUT = (
-        "In a mission with `[ranging]`: the range radio is heard on a sensor's link, "
+        "In a mission with `[ranging]`, unless its `radio` is false: the range radio is heard on a sensor's link, "
         "with the vehicle's own system id, has measured vehicles of the mission and nothing else, and has no gap above "
         f"{GAP_MAX_S:g} s. A warning: some of the others were not measured. At least one other's radio must be on."
     )
