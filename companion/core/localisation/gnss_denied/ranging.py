@@ -223,7 +223,7 @@ class RangingLocaliser:
         return True
 
     def dead_reckon(self, vehicle: int, odo: Level) -> tuple[Level, float]:
-        """Where a neighbour is from here by odometers alone, its own being at `odo`; sd on an axis."""
+        """A neighbour's position from here by odometers alone, its own being at `odo`; sd on an axis."""
         here, there, own = self._starts[self._me - 1], self._starts[vehicle - 1], self.odo_ne_m
         return (there[0] + odo[0] - here[0] - own[0], there[1] + odo[1] - here[1] - own[1]), self._drifted_m
 
@@ -316,8 +316,7 @@ class RangingLocaliser:
         self._update_uncertain(vehicle, away_m, WIDENS_SDS * found.sd_m)
         near_m -= min(WIDENS_SDS * math.sqrt(max(0.0, var)), UNSURE_FROM * near_m)
         rel = turned_level((north, east, down_m), -self.filter.compass[0])
-        share = near_m / away_m
-        return rel, (share * rel[0], share * rel[1], down_m)
+        return rel, (near_m / away_m * rel[0], near_m / away_m * rel[1], down_m)
 
     def scale_to_range(self, vehicle: int, rel_ned_m: Vec3, now_s: float) -> Vec3:
         """A silent vehicle's position by odometry, as near as the own radio measures: a range makes none farther."""

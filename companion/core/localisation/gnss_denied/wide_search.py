@@ -1,4 +1,4 @@
-"""Where a neighbour is whose place is not known: its trunks are held against the own ones at every place within reach.
+"""Aligns trunks of a neighbour whose place is not known: held against the own ones at every place within reach.
 
 As `constellation`, but shifts are counted in cells, as there are hundreds of times as many, and one that is accepted
 must have matched more trunks, as chance has as many more tries. Compasses are believed to some degrees all the same.

@@ -117,7 +117,7 @@ def test_without_range_radios_vehicles_fly_by_trunks() -> None:
     [
         ("all", {**NO_RADIO, **RAW}, "ranging.radio = false: must be true where all have GNSS"),
         ((1,), NO_RADIO, "ranging.radio = false: must be true without [sensing]"),
-        ((1,), {**NO_RADIO, "sensing": {"range_m": 8.0}}, "ranging.radio = false: must be true unless the sensor tells"),
+        ((1,), {**NO_RADIO, "sensing": {"range_m": 8.0}}, "ranging.radio = false: must be true unless"),
         (
             (1,),
             {**NO_RADIO, **RAW, "sim": {"faults": [FAULT]}},
