@@ -18,25 +18,25 @@ GAP_MAX_S = 2.0  # twice what the slowest radio takes (ranging.rate_hz)
 
 
 class RangeRadio(SensorSource):
-    """A vehicle's range radio, in a mission with [ranging]."""
+    """A vehicle's range radio, in a mission with [ranging] whose `radio` is true."""
 
     NAME = "ranges"
     TITLE = "range radio"
     MESSAGES = {dialect.MAVLINK_MSG_ID_SWARM_RANGES: "SWARM_RANGES"}  # noqa: RUF012
     HELP = "SWARM_RANGES of a range radio, in a mission with [ranging]"
     ABOUT = (
-        "In a mission with `[ranging]`: the range radio is heard on a sensor's link, "
+        "In a mission with `[ranging]`, unless its `radio` is false: the range radio is heard on a sensor's link, "
         "with the vehicle's own system id, has measured vehicles of the mission and nothing else, and has no gap above "
         f"{GAP_MAX_S:g} s. A warning: some of the others were not measured. At least one other's radio must be on."
     )
-    UNUSED = "has no [ranging], so nothing would go by this radio"
+    UNUSED = "has no [ranging], or its radio = false, so nothing would go by this radio"
     STALE = "no range that is fresh"
     NEEDS_LINK = "it has [ranging]"
 
     @classmethod
     def is_flown(cls, mission: Mission) -> bool:
         """True if it says that vehicles have range radios."""
-        return mission.ranging is not None
+        return mission.has_range_radios
 
     @classmethod
     def of(cls, _mission: Mission) -> Self:

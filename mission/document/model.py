@@ -8,7 +8,15 @@ from typing import Any, Self
 from pydantic import ConfigDict, model_validator
 
 from mission.document import height_layers
-from mission.rules import fence_rules, flight_rules, forest_rules, payload_rules, rise_rules, survey_rules
+from mission.rules import (
+    fence_rules,
+    flight_rules,
+    forest_rules,
+    payload_rules,
+    rise_rules,
+    satellite_rules,
+    survey_rules,
+)
 from mission.schema.check import validated
 from mission.schema.conflict import ConflictError
 from mission.schema.faults import within
@@ -104,6 +112,7 @@ class Mission(MissionTables):
             c
             for laws in (
                 flight_rules,
+                satellite_rules,
                 fence_rules,
                 forest_rules,
                 survey_rules,

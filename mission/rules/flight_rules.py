@@ -8,17 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from itertools import combinations, pairwise
+from itertools import pairwise
 
 from mission.common.frames import Vec3
 from mission.common.problems import Path, dotted, shown
 from mission.schema.conflict import Conflict, conflict, order, path_of, show_key
 from mission.schema.fault_kinds import FORMS, Needs
 from mission.schema.faults import Fault, FaultKind
-from mission.schema.sim import Placement, Sky
-from mission.schema.tables import AtEnd, CoverageShape, Gnss, MissionTables, Ranging
+from mission.schema.sim import Placement
+from mission.schema.tables import AtEnd, CoverageShape, MissionTables
 
-PRIORITIES_MAX = 127  # each twice, with GNSS and without, in a byte of a beacon
 TRUNK_CLEARANCE_M = 1.0  # between a vehicle's starting point and bark, or what sensing keeps of it
 # What the companion does with a mission (tests hold these to companion.core): ...
 FULL_SPEED_SHARE = 0.7  # ... the leader slows down for a link longer than this share of the range
@@ -34,9 +33,6 @@ LINK_SLACK_M = 2.0  # below the range, for neighbours that a gust moves apart: P
 RANDOM_STEP = 2.0  # times the spacing: a link of this length joins nearly all random placements
 # A disc of radius 0.8 s sqrt(n) holds n points s apart at 0.39 of its area: blue-noise sampling jams at 0.55
 DISC_SPREAD = 0.8
-# Of separation.soft_m: neighbours fly 10 to 12 m apart where it is 10 m, and four vehicles with ranges to 10 m only
-# did not keep their places (seed 1); with 12 m they did
-REACH_LEAST = 1.5
 START_OFF_M = 2.0  # from where ranging.start_enu_m has a vehicle, at most: the two of a pair together, or one of them
 
 
@@ -47,7 +43,6 @@ def conflicts(mission: MissionTables) -> Iterator[Conflict]:
         _distances,
         _speeds,
         _leaders,
-        _satellites,
         _coverage_spacing,
         _coverage_time,
         _placement,
@@ -230,51 +225,12 @@ def _fault_needs(mission: MissionTables, fault: Fault, path: Path) -> Iterator[C
             message = f"{fault.kind.value} of vehicle {without[0]} {need.value}"
             yield Conflict(((*path, "vehicles"), ("swarm", "gnss")), shown(fault.vehicles), message)
     there = {Needs.SENSING: mission.sensing, Needs.RANGING: mission.ranging, Needs.RECORDS: mission.keeps_records}
+    if need is Needs.RANGING and mission.ranging is not None and not mission.has_range_radios:
+        message = f"{fault.kind.value} needs range radios ({show_key(mission, 'ranging.radio')})"
+        yield Conflict(((*path, "kind"), ("ranging", "radio")), shown(fault.kind.value), message)
     if not there.get(need, True):
         where: Path = ("survey" if need is Needs.RECORDS else need.name.lower(),)
         yield Conflict(((*path, "kind"), where), shown(fault.kind.value), need.value)
-
-
-def _satellites(mission: MissionTables) -> Iterator[Conflict]:
-    gnss, size = mission.swarm.gnss, mission.swarm.size
-    if gnss is Gnss.LEADER and not mission.swarm.leader_priority:
-        yield conflict(mission, ("swarm.gnss", "swarm.leader_priority"), "needs the leader that has GNSS, first")
-    if isinstance(gnss, tuple):
-        if not gnss:
-            yield conflict(mission, ("swarm.gnss",), "needs one vehicle at least: no other knows where d2 is")
-        elif max(gnss) > size:
-            yield conflict(mission, ("swarm.gnss", "swarm.size"), "must name vehicles of the swarm")
-    if not mission.flies_by_ranges:
-        if mission.sim.satellites.crowns is Sky.SHADE:
-            must = "must be clear: a swarm of which all have GNSS has nothing else to fly by"
-            yield conflict(mission, ("sim.satellites.crowns", "swarm.gnss"), must)
-        return
-    if len(mission.swarm.leader_priority) > PRIORITIES_MAX:
-        must = f"must be at most {PRIORITIES_MAX} ids where not all have GNSS"
-        yield conflict(mission, ("swarm.leader_priority", "swarm.gnss"), must)
-    if mission.ranging is None:
-        yield conflict(mission, ("swarm.gnss",), "needs [ranging]: not all have satellite positions")
-    else:
-        yield from _ranging(mission, mission.ranging)
-
-
-def _ranging(mission: MissionTables, ranging: Ranging) -> Iterator[Conflict]:
-    size = mission.swarm.size
-    if len(ranging.start_enu_m) < size:
-        missing = f"has {len(ranging.start_enu_m)} positions"
-        yield conflict(mission, ("swarm.size",), f"ranging.start_enu_m {missing}: each vehicle needs one")
-    else:
-        starts, least_m = ranging.start_enu_m[:size], mission.separation.hard_m + START_OFF_M
-        for (i, a), (j, b) in combinations(enumerate(starts, start=1), 2):
-            if math.dist(a, b) < least_m:
-                must = f"has vehicles {i} and {j} {math.dist(a, b):.1f} m apart: must be at least {least_m:.1f} m"
-                yield conflict(mission, ("ranging.start_enu_m", "separation.hard_m"), must)
-    if ranging.reach_m < REACH_LEAST * mission.separation.soft_m:
-        must = f"must be at least {REACH_LEAST:g} times the separation kept: neighbours fly farther apart than that"
-        yield conflict(mission, ("ranging.reach_m", "separation.soft_m"), must)
-    if any(pos_enu_m[2] != 0.0 for pos_enu_m in ranging.start_enu_m):
-        must = "must be 0 up, each: vehicles stand on the ground, wherever it is"
-        yield conflict(mission, ("ranging.start_enu_m",), must)
 
 
 def _coverage_spacing(mission: MissionTables) -> Iterator[Conflict]:

@@ -239,7 +239,8 @@ class Swarm(Table):
         Gnss | tuple[VehicleId, ...],
         Field(
             description='Which vehicles have satellite positions: "all", "leader" (the first of leader_priority), or '
-            "an array of ids. The others fly by odometry and by ranges to one another, and the mission has [ranging].",
+            "an array of ids. The others fly by odometry and by ranges to one another, or by trunks, and the mission "
+            "has [ranging].",
         ),
     ] = Gnss.ALL
     position_error_max_m: Annotated[
@@ -548,8 +549,16 @@ class Survey(Table):
 class Ranging(Table):
     """The range radio that every vehicle carries, and where they start.
 
-    Where not all have GNSS they fly by it; where all have, positions are held against it.
+    Where not all have GNSS they fly by it, or by trunks alone; where all have, positions are held against it.
     """
+
+    radio: Annotated[
+        Boolean,
+        Field(
+            description="false: no vehicle carries a range radio, and those without satellites find one another by "
+            "trunks alone: sensing.sensor must tell raw scans, and swarm.gnss leave some without.",
+        ),
+    ] = True
 
     start_enu_m: Annotated[
         tuple[tuple[Coordinate, Coordinate, Coordinate], ...],
@@ -609,8 +618,8 @@ class MissionTables(Table):
     ranging: Annotated[
         Ranging | None,
         Field(
-            description="Optional: every vehicle carries a radio that measures the distance to others. Needed where "
-            "swarm.gnss leaves some without satellite positions, and not used elsewhere."
+            description="Optional: every vehicle carries a radio that measures the distance to others, unless `radio` "
+            "is false. Needed where swarm.gnss leaves some without satellite positions."
         ),
     ] = None
     survey: Annotated[
@@ -662,6 +671,11 @@ class MissionTables(Table):
     def flies_by_ranges(self) -> bool:
         """Some vehicles have no satellite positions: all find one another by odometry and ranges."""
         return not all(map(self.has_satellites, range(1, self.swarm.size + 1)))
+
+    @property
+    def has_range_radios(self) -> bool:
+        """Every vehicle carries a radio that measures the distance to others."""
+        return self.ranging is not None and self.ranging.radio
 
     @property
     def shares_trunks(self) -> bool:

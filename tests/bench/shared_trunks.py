@@ -1,10 +1,11 @@
 """Relative errors with trunks shared and without: `python -m tests.bench shared-trunks`.
 
 mission/studies/by_ranges.toml by raw scans of 1 degree and 12 m; how many fly, the stand's density and the radio's loss
-are drawn, or given. Each flight is flown twice, on point masses: its vehicles tell of trunks, and do not. An estimate
-is held against the places from before the tick in which it is read, as its odometers are. Neighbours that a vehicle has
-not heard for a second, whom it places nowhere, are counted apart. Then false alignments: constellations of drawn
-stands, leafy clumps among them, held against other stands, and against their own.
+are drawn, or given. Each flight is flown twice, on point masses: its vehicles tell of trunks, and do not; with
+`--alone` instead by range radios and trunks, and by trunks alone. An estimate is held against the places from before
+the tick in which it is read, as its odometers are. Neighbours that a vehicle has not heard for a second, whom it places
+nowhere, are counted apart. Then false alignments: constellations of drawn stands, leafy clumps among them, held against
+other stands, and against their own, narrowly and widely.
 """
 
 from __future__ import annotations
@@ -24,11 +25,13 @@ from unittest import mock
 import numpy as np
 
 import mission
-from companion.core.localisation.gnss_denied.constellation import TURN_RAD, Alignment, align, turned
 from companion.core.localisation.gnss_denied.localiser import GnssDeniedLocaliser
+from companion.core.localisation.gnss_denied.wide_search import align_wide
 from companion.core.model.beacon import ToldTrunk
 from companion.core.model.states import SwarmPhase
+from companion.core.perception.landmarks.constellation import TURN_RAD, Alignment, align, turned
 from companion.core.perception.obstacle_perception import SensingPerception
+from companion.core.vehicle.failsafe import Cause
 from mission.common.frames import Vec3
 from mission.document.model import Mission
 from sim_bridge.drive import fly
@@ -44,6 +47,8 @@ SALT = 0x7A1B
 EVERY = 10  # ticks between two looks
 FALSE_M, FALSE_RAD = 1.5, math.radians(5.0)
 CLEARING_S = 10.0  # since the first has departed: until then hardly two vehicles have six trunks in common
+SENSORS = {"scan-1deg": 12.0, "scan-0.5deg": 20.0, "multi-layer": 12.0}  # and their reach, m
+WIDE_M, WIDE_SD_M = 30.0, 8.0  # of false alignments that are searched for widely
 PHASES = (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE)
 
 
@@ -60,6 +65,7 @@ class Errors:
     worst_m: float = 0.0  # of an alignment's place
     places: dict[int, Vec3] = field(default_factory=dict)  # before this tick
     departed_s: float | None = None
+    unsure_s: float = 0.0  # under way, held as a neighbour's place was too uncertain; of all vehicles together
     seen_s: dict[tuple[int, int], float] = field(default_factory=dict)  # by pair: the last alignment
 
     def watch(self, flight: fly.Flight) -> None:
@@ -77,6 +83,7 @@ class Errors:
             localiser = agent.localiser
             if not (isinstance(localiser, GnssDeniedLocaliser) and agent.flight.vehicle.airborne):
                 continue
+            self.unsure_s += 0.05 * (agent.status(flight.world.now_s).cause is Cause.PEER_UNCERTAIN)
             joint = localiser.ranging.filter
             for other in [j for j in agents if j != k and agents[j].flight.vehicle.airborne]:
                 there = turned(-frames[k], places[other][0] - places[k][0], places[other][1] - places[k][1])
@@ -136,7 +143,7 @@ class Flown:
     n: int
     density_per_ha: float
     loss: float
-    shares: bool
+    way: str
     verdict: str
     place_m: float
     among_m: float
@@ -148,9 +155,17 @@ class Flown:
     aligned: int
     false: int
     worst_m: float
+    unsure_s: float
 
 
-def mission_of(seed: int, n: int | None, density_per_ha: float | None, loss: float | None) -> Mission:
+COLUMNS = ("trunks", "flights", "arrived", "place, m", "among, m", "turn, deg", "apart, m", "contacts")
+COLUMNS += ("unsure, s", "aligned", "falsely")
+NOT_SHARED, SHARED, ALONE = "not shared", "shared", "alone"  # trunks: beside ranges, the last without them
+
+
+def mission_of(
+    seed: int, n: int | None, density_per_ha: float | None, loss: float | None, sensor: str, way: str
+) -> Mission:
     """What is not given is drawn."""
     rng = np.random.default_rng([SALT, seed])
     drawn = (int(rng.integers(4, 9)), float(rng.choice([100.0, 200.0, 400.0])), round(float(rng.uniform(0.0, 0.2)), 2))
@@ -158,20 +173,21 @@ def mission_of(seed: int, n: int | None, density_per_ha: float | None, loss: flo
     tables["route"]["d2_enu_m"] = [90.0, 0.0, 4.0]
     tables["coverage"] = {"duration_s": 15.0}
     tables["swarm"]["size"] = n or drawn[0]
-    tables["sensing"] |= {"sensor": "scan-1deg", "range_m": 12.0}
+    tables["sensing"] |= {"sensor": sensor, "range_m": SENSORS[sensor]}
+    tables["ranging"]["radio"] = way != ALONE
     tables["forest"]["stand"]["density_per_ha"] = density_per_ha or drawn[1]
     tables["sim"] |= {"seed": seed, "radio_loss": drawn[2] if loss is None else loss}
     return Mission.model_validate(tables).with_origin(DEFAULT_ORIGIN)
 
 
-def fly_one(job: tuple[int, int | None, float | None, float | None, bool]) -> Flown:
+def fly_one(job: tuple[int, int | None, float | None, float | None, str, str, bool]) -> Flown:
     """Flies one; without sharing as before it was built."""
-    *drawn, shares = job
-    flies = mission_of(*drawn)
+    *drawn, sensor, way, point_mass = job
+    flies = mission_of(*drawn, sensor, way)
     errors = Errors()
-    kept = Mission.shares_trunks if shares else property(lambda _: False)
+    kept = property(lambda _: False) if way == NOT_SHARED else Mission.shares_trunks
     with tempfile.TemporaryDirectory() as folder, mock.patch.object(Mission, "shares_trunks", kept):
-        outcome, _ = flown(flies, Path(folder), watch=errors.watch)
+        outcome, _ = flown(flies, Path(folder), watch=errors.watch, point_mass=point_mass)
     stand = flies.forest.stand
     assert stand is not None
     return Flown(
@@ -179,7 +195,7 @@ def fly_one(job: tuple[int, int | None, float | None, float | None, bool]) -> Fl
         flies.swarm.size,
         stand.density_per_ha,
         flies.sim.radio_loss,
-        shares,
+        way,
         str(outcome.summary["verdict"]),
         _root_mean(errors.place_m2),
         _root_mean(errors.among_m2),
@@ -191,6 +207,7 @@ def fly_one(job: tuple[int, int | None, float | None, float | None, bool]) -> Fl
         errors.aligned,
         errors.false,
         errors.worst_m,
+        errors.unsure_s,
     )
 
 
@@ -227,7 +244,7 @@ def remembered(rng: np.random.Generator, stand: Sequence[ToldTrunk], at: tuple[f
 def try_one(seed: int) -> tuple[str, bool, bool]:
     """Kind of the try; whether it was accepted, and falsely."""
     rng = np.random.default_rng([SALT, 1, seed])
-    leafy, strangers = bool(rng.random() < 0.5), bool(rng.random() < 0.8)
+    leafy, strangers, is_wide = bool(rng.random() < 0.5), bool(rng.random() < 0.8), seed % 2 == 1
     density = float(rng.choice([50.0, 100.0, 200.0, 400.0, 600.0]))
     stand = draw_stand(rng, density, leafy=leafy)
     other = draw_stand(rng, density, leafy=leafy) if strangers else stand
@@ -239,10 +256,15 @@ def try_one(seed: int) -> tuple[str, bool, bool]:
     there = (float(away_m * math.cos(bearing)), float(away_m * math.sin(bearing)))
     known = remembered(rng, stand, (0.0, 0.0))[-128:]
     told = [(*turned(-turn, n, e), d) for n, e, d in remembered(rng, other, there)[:24]]
-    wrong = rng.normal(0.0, 0.7, 2)
+    wrong = rng.normal(0.0, WIDE_SD_M if is_wide else 0.7, 2)
     prior = (there[0] + float(wrong[0]), there[1] + float(wrong[1]))
-    found = align(told, known, prior, turn + float(rng.normal(0.0, 2.0)) * TURN_RAD, is_wide=False)
+    turned_rad = turn + float(rng.normal(0.0, 2.0)) * TURN_RAD
+    if is_wide:
+        found = align_wide(told, known, prior, turned_rad, WIDE_M)
+    else:
+        found = align(told, known, prior, turned_rad, is_wide=False)
     kind = f"{'strangers' if strangers else 'the same stand'}, {'leafy' if leafy else 'stems'}"
+    kind += ", searched for widely" if is_wide else ""
     if found is None:
         return kind, False, False
     at = found.place((0.0, 0.0))
@@ -268,22 +290,27 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--first-seed", type=int, default=2000, metavar="S", help="(2000)")
     parser.add_argument("--n", type=positive, metavar="N", help="vehicles (drawn, 4 to 8)")
     parser.add_argument("--density", type=float, metavar="TREES", help="per ha (drawn: 100, 200, 400)")
+    parser.add_argument("--alone", action="store_true", help="by trunks alone, and by range radios beside them")
+    parser.add_argument("--sensor", choices=sorted(SENSORS), default="scan-1deg", help="(scan-1deg)")
+    parser.add_argument("--jsbsim", action="store_true", help="on JSBSim, not on point masses")
     parser.add_argument("--loss", type=float, metavar="SHARE", help="of beacons (drawn, up to 0.2)")
-    parser.add_argument("--tries", type=positive, default=10_000, metavar="N", help="of false alignments (10000)")
+    parser.add_argument("--tries", type=int, default=10_000, metavar="N", help="of false alignments (10000)")
     parser.add_argument("--jobs", type=positive, default=os.cpu_count() or 1, metavar="N", help="at once")
     args = parser.parse_args(argv)
     seeds = range(args.first_seed, args.first_seed + args.flights)
     rows: list[Flown] = []
+    ways = (SHARED, ALONE) if args.alone else (NOT_SHARED, SHARED)
     with ProcessPoolExecutor(args.jobs) as pool:
-        jobs = [(seed, args.n, args.density, args.loss, shares) for seed in seeds for shares in (False, True)]
+        jobs = [
+            (seed, args.n, args.density, args.loss, args.sensor, way, not args.jsbsim) for seed in seeds for way in ways
+        ]
         for row in pool.map(fly_one, jobs):
             print(row, flush=True)
             rows.append(row)
         if rows:
-            print("\n| trunks | flights | arrived | place, m | among, m | turn, deg | apart, m | aligned | falsely |")
-            print("|---|---|---|---|---|---|---|---|---|")
-        for shares in (False, True) if rows else ():
-            print(_pooled([row for row in rows if row.shares is shares], "shared" if shares else "not shared"))
+            print(f"\n| {' | '.join(COLUMNS)} |\n|{'---|' * len(COLUMNS)}")
+        for way in ways if rows else ():
+            print(_pooled([row for row in rows if row.way == way], way))
         print()
         for line in _tell_tries(pool, args.tries):
             print(line, flush=True)
@@ -294,5 +321,5 @@ def _pooled(rows: Sequence[Flown], what: str) -> str:
     arrived = sum(row.verdict == "ARRIVED" for row in rows)
     names = ("place_m", "among_m", "turn_deg", "separation_m")
     cells = [spread([getattr(row, name) for row in rows], "") for name in names]
-    aligned, false = sum(row.aligned for row in rows), sum(row.false for row in rows)
-    return f"| {what} | {len(rows)} | {arrived} | {' | '.join(cells)} | {aligned} | {false} |"
+    sums = [f"{sum(getattr(row, name) for row in rows):.0f}" for name in ("contacts", "unsure_s", "aligned", "false")]
+    return f"| {' | '.join([what, str(len(rows)), str(arrived), *cells, *sums])} |"

@@ -40,6 +40,12 @@ def limit(a: Vec3, longest: float) -> Vec3:
     return a if length <= longest else scale(a, longest / length)
 
 
+def turned_level(a: Vec3, by_rad: float) -> Vec3:
+    """`a`, turned clockwise, north to east."""
+    c, s = math.cos(by_rad), math.sin(by_rad)
+    return (c * a[0] - s * a[1], s * a[0] + c * a[1], a[2])
+
+
 def is_finite(a: Vec3) -> bool:
     """Neither infinite nor NaN, of which nothing subtracted from itself is 0: compiled, several times as fast."""
     return a[0] - a[0] == 0.0 and a[1] - a[1] == 0.0 and a[2] - a[2] == 0.0

@@ -120,8 +120,8 @@ class RangeRadios(SimulatedSensor):
 
 
 def range_radios_of(mission: Mission, stand: Stand, ids: Sequence[int]) -> RangeRadios | None:
-    """In a mission with [ranging]."""
-    if mission.ranging is None:
+    """Of a mission whose vehicles carry some."""
+    if mission.ranging is None or not mission.ranging.radio:
         return None
     return RangeRadios(ids, mission.ranging, mission.sim.ranging, stand, seed=mission.sim.seed)
 

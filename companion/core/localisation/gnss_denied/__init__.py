@@ -1,1 +1,1 @@
-"""Localisation where not all receive GNSS: by odometry and inter-vehicle ranging."""
+"""Localisation where not all receive GNSS: by odometry, inter-vehicle ranging and shared trunks."""

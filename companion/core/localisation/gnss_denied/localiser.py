@@ -22,7 +22,7 @@ from companion.core.model.beacon import Beacon, PeerReport, RelativeReport, Trun
 from companion.core.model.events import HeardBeacon, Position, Ranges, Satellites
 from companion.core.model.neighbour import Neighbour, find_hover_places
 from companion.core.model.states import FlightState, LandedState, Role, Severity
-from companion.core.model.vectors import ZERO, add, limit, scale, sub
+from companion.core.model.vectors import ZERO, add, limit, scale, sub, turned_level
 from companion.core.perception.landmarks.solitary_trunks import SolitaryTrunks
 from companion.core.vehicle.failsafe import Cause
 from mission.common.frames import Vec3
@@ -148,7 +148,7 @@ class GnssDeniedLocaliser(Localiser):
             )
         if ranging.has_lost(said.sender):
             return None
-        turned = ranging.rotate_beacon(said)
+        turned = rotate_beacon(said, ranging.filter.compass_of(said.sender) - ranging.filter.compass[0])
         located = ranging.locate_peer(said.sender, own_pos_ned_m[2], now_s)
         rel = heard.rel_ned_m if located is None else sub(located[0], scale(turned.vel_ned_mps, age_s))
         return HeardBeacon(turned, rel)
@@ -235,7 +235,7 @@ class GnssDeniedLocaliser(Localiser):
     def excite(self, state: FlightState, cause: Cause | None, now_s: float) -> Vec3:
         """While the formation's rotation is uncertain, or it must be seen that start positions are no mirror image."""
         seeks = math.inf if self.ranging.is_doubtful else 0.0
-        velocity = self._excitation.velocity(max(seeks, self.ranging.rotation_sd_rad), now_s)
+        velocity = self._excitation.velocity(max(seeks, self.ranging.filter.rotation_sd_rad), now_s)
         return velocity if state in EXCITED or cause is Cause.PEER_UNCERTAIN else ZERO
 
     def make_broadcast(self, beacon: Beacon, pos_ned_m: Vec3, now_s: float, *, leader: int, role: Role) -> SendBeacon:
@@ -245,3 +245,15 @@ class GnssDeniedLocaliser(Localiser):
         report = self.ranging.make_report(leader, beacon.time_ms, now_s, position_sd_m)
         trunks = None if self.trunks is None else self.trunks.make_report(self._me, beacon.time_ms, now_s)
         return SendBeacon(beacon, report, position, trunks=trunks)
+
+
+def rotate_beacon(said: Beacon, by_rad: float) -> Beacon:
+    """With its vectors turned: those of a neighbour along the own north."""
+    dest, seen = said.dest_ned_m, said.sighting
+    return replace(
+        said,
+        vel_ned_mps=turned_level(said.vel_ned_mps, by_rad),
+        ref_ned_mps=turned_level(said.ref_ned_mps, by_rad),
+        dest_ned_m=None if dest is None else turned_level(dest, by_rad),
+        sighting=None if seen is None else replace(seen, rel_ned_m=turned_level(seen.rel_ned_m, by_rad)),
+    )

@@ -9,19 +9,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final, final
 
 from companion.core.localisation.gnss_denied.error_state import BY_TRUNKS, Errors, Level
 from companion.core.localisation.gnss_denied.relative_filter import RelativeFilter
-from companion.core.localisation.gnss_denied.relative_state import drift_of
+from companion.core.localisation.gnss_denied.relative_state import drift_of, drifted_m
 from companion.core.localisation.gnss_denied.relocalisation import Relocaliser
 from companion.core.localisation.gnss_denied.start_placement import StartPlacementCheck
 from companion.core.localisation.integrity.own_ranges import OwnRanges
-from companion.core.model.beacon import Beacon, RangeTo, RelativeReport
+from companion.core.model.beacon import RangeTo, RelativeReport
 from companion.core.model.events import Position
 from companion.core.model.states import LandedState
-from companion.core.model.vectors import ZERO
+from companion.core.model.vectors import ZERO, turned_level
 from companion.core.vehicle.failsafe import UNSURE_FROM, UNSURE_UNTIL
 from mission.common.frames import Vec3, enu_to_ned
 from mission.document.model import Mission
@@ -35,6 +34,8 @@ AGREES_M: Final = 4.0  # positions of the mission, and found ones: farther off t
 UNKNOWN_AGE_S: Final = 3600.0  # of an odometer that does not tell it
 OFF_M: Final = 2.0  # nearer than its reach by as much the radio measures: both positions of a pair may be off
 NO_RANGES: Final = "no ranges from range radio"
+FOUND: Final = "relative localisation initialised"
+MISPLACED: Final = "start positions wrong: vehicle %d found elsewhere"
 
 
 @final
@@ -47,6 +48,7 @@ class RangingLocaliser:
         "_begun",
         "_doubts",
         "_down_m",
+        "_found",
         "_me",
         "_measures",
         "_met",
@@ -56,14 +58,15 @@ class RangingLocaliser:
         "_own_ranges",
         "_position_sd_m",
         "_read_s",
-        "_relocaliser",
         "_standing",
         "_start_check",
         "_starts",
         "_told_s",
         "filter",
+        "has_radio",
         "is_lost",
         "odo_ne_m",
+        "relocaliser",
         "strayed_ned_m",
         "uncertain_peers",
     )
@@ -77,8 +80,10 @@ class RangingLocaliser:
         others = {k: _level(there, here) for k, there in enumerate(starts, start=1) if k != me}
         self._mission = mission
         nearest_m = min([math.hypot(*there) for there in others.values()], default=math.inf)
-        self._measures = nearest_m <= mission.ranging.reach_m - OFF_M  # at its start, if its radio works
-        self._relocaliser = Relocaliser()
+        self.has_radio: Final = mission.ranging.radio  # without one trunks alone tell where others are
+        reach_m = mission.ranging.reach_m if self.has_radio else 0.0
+        self._measures = nearest_m <= reach_m - OFF_M  # at its start, if its radio works
+        self.relocaliser: Final = Relocaliser()
         self.is_lost = False  # it does not know where it is among the others
         self._doubts = True  # the mission's start positions: no motion has shown yet that they are no mirror image
         self._agreed: set[int] = set()  # neighbours that have told where they have the leader, as this one has it
@@ -87,6 +92,7 @@ class RangingLocaliser:
         self._met: set[int] = set()  # those that were heard
         self._told_s: dict[int, float] = {}  # of which time each told last, by the own clock
         self._others_away = False  # one of them had left its start by then
+        self._found = ""  # by trunks, in words that are not said yet
         self._begun = False  # it is known whether it is at its start
         self._age_s = UNKNOWN_AGE_S  # of the own odometer
         self.filter = self._filter_of(others, START_SD_M)
@@ -109,7 +115,7 @@ class RangingLocaliser:
         self.odo_ne_m = _level(pos, start)
         if position.boot_s is not None:
             self._age_s = position.boot_s
-        self._relocaliser.update_odometry((pos[0], pos[1]))
+        self.relocaliser.update_odometry((pos[0], pos[1]))
         if self.is_lost:
             return
         if self._read_s is not None and 0.0 < now_s - self._read_s <= GAP_S:
@@ -159,7 +165,7 @@ class RangingLocaliser:
             self._meet_peer(word)
         start = self._starts[sender - 1]
         odo = (start[0] + word.odo_ne_m[0], start[1] + word.odo_ne_m[1])
-        self._relocaliser.store_report(sender, leader, word.to_leader_ne_m, word.leader_sd_m, odo, vel, told_s)
+        self.relocaliser.store_report(sender, leader, word.to_leader_ne_m, word.leader_sd_m, odo, vel, told_s)
         if self.is_lost:
             return
         if word.to_leader_ne_m is None:
@@ -176,13 +182,17 @@ class RangingLocaliser:
 
     def advance(self, now_s: float) -> str:
         """Bring all up to now. What it has just found out about where it is, in words; empty: nothing."""
-        finder = self._relocaliser
-        if self.is_lost:
+        finder = self.relocaliser
+        if self.is_lost and self.has_radio:
             if not finder.search(self._drifted_m, now_s):
                 return ""
             self._begin_at(*finder.locate_vehicles(self._down_m, now_s))
-            return "relative localisation initialised"
-        self.filter.advance(now_s)
+            return FOUND
+        if not self.is_lost:
+            self.filter.advance(now_s)
+        if not self.has_radio:
+            found, self._found = self._found, ""
+            return found
         if not self.is_doubtful or not finder.search(math.inf, now_s):
             return ""
         leader, there, _ = finder.leader
@@ -193,7 +203,29 @@ class RangingLocaliser:
         if known is not None and math.dist(known.ne_m, there) <= AGREES_M:
             return ""
         self._begin_at(*finder.locate_vehicles(self._down_m, now_s))
-        return f"start positions wrong: vehicle {leader} found elsewhere"
+        return MISPLACED % leader
+
+    def find_by(self, sender: int, there: Level, now_s: float) -> bool:
+        """Trunks tell where a neighbour is from here. False: its place may be corrected by them, no more.
+
+        Else this vehicle is lost, or it was elsewhere than at its start and begins anew by one that knows the leader.
+        """
+        finder = self.relocaliser
+        if not (self.is_lost or self.is_doubtful) or not finder.place_by(sender, there, now_s):
+            return self.is_lost
+        leader, at, _ = finder.leader
+        known = self.filter.relative(leader)
+        if not self.is_lost and (leader == self._me or (known is not None and math.dist(known.ne_m, at) <= AGREES_M)):
+            self._doubts = leader == self._me
+            return False
+        self._found = FOUND if self.is_lost else MISPLACED % leader
+        self._begin_at(*finder.locate_vehicles(self._down_m, now_s))
+        return True
+
+    def dead_reckon(self, vehicle: int, odo: Level) -> tuple[Level, float]:
+        """A neighbour's position from here by odometers alone, its own being at `odo`; sd on an axis."""
+        here, there, own = self._starts[self._me - 1], self._starts[vehicle - 1], self.odo_ne_m
+        return (there[0] + odo[0] - here[0] - own[0], there[1] + odo[1] - here[1] - own[1]), self._drifted_m
 
     def _begin_at(self, positions: dict[int, Level], sd_m: float) -> None:
         """Starts anew from found positions; neighbours that are not among them will tell where they are."""
@@ -220,9 +252,7 @@ class RangingLocaliser:
         if math.hypot(*odo) <= AWAY_M:
             return
         self._others_away = True
-        here, there = self._starts[self._me - 1], self._starts[sender - 1]
-        at = (there[0] + odo[0] - here[0] - self.odo_ne_m[0], there[1] + odo[1] - here[1] - self.odo_ne_m[1])
-        self.filter.add_peer(sender, at, self._drifted_m)
+        self.filter.add_peer(sender, *self.dead_reckon(sender, odo))
 
     def _compare_leader(self, word: RelativeReport, leader: int) -> None:
         """A neighbour begins to tell where it has the leader: where it is thought to be elsewhere, its word counts."""
@@ -242,19 +272,14 @@ class RangingLocaliser:
 
     def _filter_of(self, positions: dict[int, Level], sd_m: float) -> RelativeFilter:
         """With the others there, each off by at least what positions of missions are."""
-        made = RelativeFilter(BY_TRUNKS if self._mission.shares_trunks else Errors())
+        made = RelativeFilter(BY_TRUNKS if self._mission.shares_trunks and self.has_radio else Errors())
         sure = [k for k in positions if self._mission.has_satellites(k)]
         made.initialise(positions, max(START_SD_M, sd_m), sure=sure, is_sure=self._mission.has_satellites(self._me))
         return made
 
     @property
     def _drifted_m(self) -> float:
-        """Error of the positions of two odometers by now, sd on an axis, by what is believed of their errors."""
-        errors, aged_s = Errors(), self._age_s
-        bias_m2 = 2.0 * errors.bias_mps**2 * errors.bias_s * aged_s
-        noise_m2 = errors.velocity_mps**2 * errors.velocity_s * aged_s
-        turned_m = errors.yaw_rad * math.hypot(*self.odo_ne_m)
-        return math.sqrt(2.0 * (START_SD_M**2 + bias_m2 + noise_m2 + turned_m**2))
+        return drifted_m(Errors(), START_SD_M, self._age_s, math.hypot(*self.odo_ne_m))
 
     def _add_range(self, one: int | None, other: int, metres: float, age_s: float, now_s: float) -> None:
         a, b = self._down_m.get(one or self._me), self._down_m.get(other)
@@ -266,7 +291,7 @@ class RangingLocaliser:
         if (one or self._me) in self._standing and other in self._standing:
             self._start_check.add_range(one or self._me, other, math.sqrt(square))
         if one is None and (self.is_lost or self.is_doubtful):
-            self._relocaliser.add_range(other, math.sqrt(square), now_s)
+            self.relocaliser.add_range(other, math.sqrt(square), now_s)
         if not self.is_lost:
             self.filter.update_range(one, other, math.sqrt(square), age_s, now_s)
 
@@ -290,9 +315,8 @@ class RangingLocaliser:
         near_m = min(away_m, self._own_ranges.level_m(vehicle, down_m, now_s))
         self._update_uncertain(vehicle, away_m, WIDENS_SDS * found.sd_m)
         near_m -= min(WIDENS_SDS * math.sqrt(max(0.0, var)), UNSURE_FROM * near_m)
-        rel = _turned((north, east, down_m), -self.filter.compass[0])
-        share = near_m / away_m
-        return rel, (share * rel[0], share * rel[1], down_m)
+        rel = turned_level((north, east, down_m), -self.filter.compass[0])
+        return rel, (near_m / away_m * rel[0], near_m / away_m * rel[1], down_m)
 
     def scale_to_range(self, vehicle: int, rel_ned_m: Vec3, now_s: float) -> Vec3:
         """A silent vehicle's position by odometry, as near as the own radio measures: a range makes none farther."""
@@ -305,7 +329,7 @@ class RangingLocaliser:
 
     def _dead_reckon_peer(self, vehicle: int, down_m: float, now_s: float) -> tuple[Vec3, Vec3] | None:
         """As `locate_peer`, of one that is not in the filter: as far as its range says, to where odometers have it."""
-        guess = self._relocaliser.dead_reckon(vehicle)
+        guess = self.relocaliser.dead_reckon(vehicle)
         if guess is None:
             return None
         away_m = max(1e-6, math.hypot(*guess))
@@ -325,18 +349,6 @@ class RangingLocaliser:
     def has_lost(self, vehicle: int) -> bool:
         """A neighbour whose odometer was not heard for a while: nobody knows here where it has gone."""
         return not self.is_lost and self.filter.has_lost(vehicle)
-
-    def rotate_beacon(self, said: Beacon) -> Beacon:
-        """A neighbour's beacon, with its vectors along the own north."""
-        by_rad = self.filter.compass_of(said.sender) - self.filter.compass[0]
-        dest, seen = said.dest_ned_m, said.sighting
-        return replace(
-            said,
-            vel_ned_mps=_turned(said.vel_ned_mps, by_rad),
-            ref_ned_mps=_turned(said.ref_ned_mps, by_rad),
-            dest_ned_m=None if dest is None else _turned(dest, by_rad),
-            sighting=None if seen is None else replace(seen, rel_ned_m=_turned(seen.rel_ned_m, by_rad)),
-        )
 
     def position_sd_m(self, vehicles: Sequence[int]) -> float | None:
         """Of these, as they told last, how far the way to d2 may be off where it is surest; None: none has told."""
@@ -382,16 +394,6 @@ class RangingLocaliser:
     def drift_ned_mps(self) -> Vec3:
         """The own velocity's error by its bias: the true one less the told one."""
         return ZERO if self.is_lost or self._doubts else drift_of(self.filter.bias_ne_mps)
-
-    @property
-    def rotation_sd_rad(self) -> float:
-        """See RelativeFilter."""
-        return self.filter.rotation_sd_rad
-
-
-def _turned(v: Vec3, by_rad: float) -> Vec3:
-    c, s = math.cos(by_rad), math.sin(by_rad)
-    return (c * v[0] - s * v[1], s * v[0] + c * v[1], v[2])
 
 
 def _level(a: Vec3, b: Vec3) -> Level:

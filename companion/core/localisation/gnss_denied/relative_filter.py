@@ -22,11 +22,11 @@ import math
 from collections.abc import Sequence
 from typing import Final, final
 
-from companion.core.localisation.gnss_denied.constellation import Alignment, turned
 from companion.core.localisation.gnss_denied.epoch_ranges import EpochRanges
 from companion.core.localisation.gnss_denied.error_state import Errors, ErrorStateCovariance, Level
 from companion.core.localisation.gnss_denied.relative_state import COASTS_S, Relative, VehicleMean, aligned_row
 from companion.core.model.linear_algebra import Matrix, Row
+from companion.core.perception.landmarks.constellation import Alignment, turned
 
 EPOCH_S: Final = 0.5
 JUMP_M: Final = 1.5  # an odometer that jumps so far beyond what it can have flown begins anew

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Final, final
 
-from companion.core.localisation.gnss_denied.constellation import Alignment, turned
 from companion.core.localisation.gnss_denied.error_state import Errors, Level
 from companion.core.model.vectors import ZERO
+from companion.core.perception.landmarks.constellation import Alignment, turned
 from mission.common.frames import Vec3
 
 
@@ -123,6 +123,14 @@ def drift_of(bias_ne_mps: Level) -> Vec3:
         return ZERO
     share = min(1.0, BIAS_MAX_MPS / size)
     return (-share * north, -share * east, 0.0)
+
+
+def drifted_m(errors: Errors, start_sd_m: float, aged_s: float, way_m: float) -> float:
+    """Error of the positions of two odometers after that time and way, sd on an axis, by what is believed of them."""
+    bias_m2 = 2.0 * errors.bias_mps**2 * errors.bias_s * aged_s
+    noise_m2 = errors.velocity_mps**2 * errors.velocity_s * aged_s
+    turned_m = errors.yaw_rad * way_m
+    return math.sqrt(2.0 * (start_sd_m**2 + bias_m2 + noise_m2 + turned_m**2))
 
 
 def aligned_row(

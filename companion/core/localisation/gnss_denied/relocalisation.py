@@ -34,6 +34,7 @@ ANOTHER_M: Final = 1.5  # what is nearer is the same position
 SD_MAX_M: Final = 1.0  # of a position that is found: a fifth of the separation that is kept
 BAD_SHARE: Final = 0.34  # of ranges that may not fit
 STAYS_S: Final = 1.0  # for so long a position is found again before it counts
+TURNED_RAD: Final = math.radians(3.0)  # two compasses against each other
 ROUND: Final = 16  # points on a circle, from which the best positions are sought
 STEPS: Final = 8  # of each search
 
@@ -144,6 +145,23 @@ class Relocaliser:
         if self._at is None or before is None or math.dist(self._at[0], before[0]) > 2.0 * ANOTHER_M:
             self._since_s = now_s
         return self._at is not None and now_s - self._since_s >= STAYS_S
+
+    def knows_leader(self, vehicle: int, now_s: float) -> bool:
+        """It has told lately where it has the leader, or is that."""
+        told = self._reports.get(vehicle)
+        return told is not None and told.position is not None and now_s - told.at_s <= FRESH_S
+
+    def place_by(self, vehicle: int, there: Level, now_s: float) -> bool:
+        """Found without ranges: a neighbour that is known to be `there` from here; False: it does not know the leader.
+
+        Its vector to the leader is as far off as two compasses turn it.
+        """
+        told = self._reports.get(vehicle)
+        if told is None or told.position is None or not self.knows_leader(vehicle, now_s):
+            return False
+        at, turned_m = told.position, TURNED_RAD * math.hypot(told.position[0], told.position[1])
+        self._at = ((at[0] - there[0], at[1] - there[1]), math.hypot(told.sd_m, turned_m))
+        return True
 
     @property
     def leader(self) -> tuple[int, Level, float]:

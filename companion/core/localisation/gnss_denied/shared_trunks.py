@@ -3,6 +3,10 @@
 Remembered are solitary trunks of the ground flown lately, in the frame of the own scan odometry. What neighbours tell
 is a measurement of where they are, no more: it is dropped where the own radio measures them nearer, or not at all, and
 weighed against the relative filter's own uncertainty. How near a neighbour may be follows from own ranges as before.
+
+Without radios nobody is measured, and trunks are all that tells where others are. Then a liar moves itself by them, as
+it can by its odometer, at most as far at once as the filter's gate is wide; and one that is lost, or has its start
+position alone, believes the first that it aligns with where the leader is. Vehicles that it sees it keeps clear of.
 """
 
 from __future__ import annotations
@@ -10,11 +14,11 @@ from __future__ import annotations
 import math
 from typing import Final, final
 
-from companion.core.localisation.gnss_denied.constellation import LEAST, Alignment, align, turned
 from companion.core.localisation.gnss_denied.error_state import Level
 from companion.core.localisation.gnss_denied.ranging import RangingLocaliser
-from companion.core.localisation.gnss_denied.relative_filter import RelativeFilter
+from companion.core.localisation.gnss_denied.wide_search import align_wide
 from companion.core.model.beacon import ToldTrunk, TrunkReport
+from companion.core.perception.landmarks.constellation import LEAST, Alignment, align, turned
 from companion.core.perception.landmarks.solitary_trunks import SolitaryTrunks
 
 TELLS_S: Final = 1.0  # between two messages
@@ -32,6 +36,8 @@ MOVED_MAX_M: Final = 10.0  # a message that was on its way for longer, or an odo
 ALIGNS_S: Final = 0.5  # between two of one sender
 PLACE_FLOOR_M: Final = 0.08
 TURN_FLOOR_RAD: Final = math.radians(0.25)
+REACH_SDS: Final = 3.0  # without radios: so far about where odometers have a neighbour it is searched for
+START_REACH_M: Final = 30.0  # and about its start position, before it is known whether the own one is right
 BEYOND_RANGE_M: Final = 0.6  # a neighbour may be told so much farther off than the own radio measures
 RANGE_S: Final = 0.5  # lately
 
@@ -131,22 +137,29 @@ class SharedTrunks:
     def receive_report(self, report: TrunkReport, ranging: RangingLocaliser, now_s: float) -> Alignment | None:
         """A neighbour's trunks: measures where it is, once two in a row agree; returns what was measured."""
         sender, here = report.sender, self._place
-        if here is None or ranging.is_lost or now_s - self._aligned_s.get(sender, -math.inf) < ALIGNS_S:
+        is_early = now_s - self._aligned_s.get(sender, -math.inf) < ALIGNS_S
+        if here is None or is_early or (ranging.is_lost and ranging.has_radio):
             return None
-        prior = _locate_sender(report, ranging.filter)
+        prior = _locate_sender(report, ranging, now_s)
         if prior is None:
             return None
         self._aligned_s[sender] = now_s
         own = ranging.odo_ne_m
         n, e = here[0] + own[0] - self._odo[0], here[1] + own[1] - self._odo[1]
         known = [(one.north_m - n, one.east_m - e, one.diameter_m) for one in self._known]
-        found = align(self._join(report), known, prior.place, prior.turn_rad, is_wide=prior.sd_m > WIDE_M)
+        told = self._join(report)
+        found: Alignment | None = None
+        if prior.sd_m <= UNCERTAIN_MAX_M:
+            found = align(told, known, prior.place, prior.turn_rad, is_wide=prior.sd_m > WIDE_M)
+        if found is None and prior.reach_m > 0.0:
+            found = align_wide(told, known, prior.place, prior.turn_rad, prior.reach_m)
         if found is None:
             return None
         # What others say makes no neighbour farther than the own radio measures it (ranges come late, never early), and
         # places none that it does not measure: where the sender is among its trunks is its word alone
         measured_m = ranging.measured_m(sender, now_s, RANGE_S)
-        if measured_m == math.inf or math.hypot(*found.place(prior.moved)) > measured_m + BEYOND_RANGE_M:
+        is_unmeasured = measured_m == math.inf and ranging.has_radio
+        if is_unmeasured or math.hypot(*found.place(prior.moved)) > measured_m + BEYOND_RANGE_M:
             return None
         odo = report.odo_ne_m
         placed = Alignment(
@@ -161,7 +174,10 @@ class SharedTrunks:
         self.aligned[sender] = (placed, now_s)
         if before is None or now_s - before[1] > AGREES_S or not _agree(before[0], placed):
             return None
-        ranging.filter.add_alignment(sender, placed)
+        n, e = placed.place(odo)
+        there = turned(ranging.filter.compass[0], n - own[0], e - own[1])
+        if ranging.has_radio or not ranging.find_by(sender, there, now_s):
+            ranging.filter.add_alignment(sender, placed)
         return placed
 
     def _join(self, report: TrunkReport) -> list[ToldTrunk]:
@@ -178,30 +194,40 @@ class SharedTrunks:
 
 @final
 class _Prior:
-    """A sender's pose when it told its trunks, as the relative filter has it; in the own axes, from here."""
+    """A sender's pose when it told its trunks, as far as it is known; in the own axes, from here."""
 
-    __slots__ = ("moved", "place", "sd_m", "turn_rad")
+    __slots__ = ("moved", "place", "reach_m", "sd_m", "turn_rad")
 
-    def __init__(self, place: Level, turn_rad: float, sd_m: float, moved: Level) -> None:
-        """`moved`: its way since, in its own axes."""
+    def __init__(self, place: Level, turn_rad: float, sd_m: float, moved: Level, reach_m: float) -> None:
+        """`moved`: its way since, in its own axes; `reach_m`: where it may be found besides, 0: nowhere else."""
         self.place: Final = place
         self.turn_rad: Final = turn_rad
         self.sd_m: Final = sd_m
         self.moved: Final = moved
+        self.reach_m: Final = reach_m
 
 
-def _locate_sender(report: TrunkReport, joint: RelativeFilter) -> _Prior | None:
+def _locate_sender(report: TrunkReport, ranging: RangingLocaliser, now_s: float) -> _Prior | None:
     """None: it is not known well enough to be searched for."""
-    found, odo = joint.relative(report.sender), joint.odometer_of(report.sender)
-    if found is None or odo is None or found.sd_m > UNCERTAIN_MAX_M:
+    sender, joint = report.sender, ranging.filter
+    if ranging.is_lost:
+        place, sd_m = ranging.dead_reckon(sender, report.odo_ne_m)
+        return _Prior(place, 0.0, math.inf, (0.0, 0.0), REACH_SDS * sd_m)
+    found, odo = joint.relative(sender), joint.odometer_of(sender)
+    if found is None or odo is None or (ranging.has_radio and found.sd_m > UNCERTAIN_MAX_M):
         return None
     moved = (odo[0] - report.odo_ne_m[0], odo[1] - report.odo_ne_m[1])
     if math.hypot(moved[0], moved[1]) > MOVED_MAX_M:
         return None
+    reach_m = 0.0
+    if found.sd_m > UNCERTAIN_MAX_M:
+        reach_m = REACH_SDS * found.sd_m
+    elif not ranging.has_radio and ranging.is_doubtful and ranging.relocaliser.knows_leader(sender, now_s):
+        reach_m = START_REACH_M
     own_rad = joint.compass[0]
-    turn_rad = joint.compass_of(report.sender) - own_rad
+    turn_rad = joint.compass_of(sender) - own_rad
     there, way = turned(-own_rad, found.ne_m[0], found.ne_m[1]), turned(turn_rad, moved[0], moved[1])
-    return _Prior((there[0] - way[0], there[1] - way[1]), turn_rad, found.sd_m, moved)
+    return _Prior((there[0] - way[0], there[1] - way[1]), turn_rad, found.sd_m, moved, reach_m)
 
 
 def _has_near(trunks: list[ToldTrunk], one: ToldTrunk) -> bool:

@@ -1,1 +1,1 @@
-"""Landmarks of level scans: stems and walls, and their tracks."""
+"""Landmarks of level scans: stems and walls, their tracks, and constellations of trunks held against each other."""

@@ -8,10 +8,10 @@ from random import Random
 
 import pytest
 
-from companion.core.localisation.gnss_denied.constellation import Alignment
 from companion.core.localisation.gnss_denied.epoch_ranges import EpochRanges
 from companion.core.localisation.gnss_denied.error_state import BY_TRUNKS, Errors, ErrorStateCovariance, Level
 from companion.core.localisation.gnss_denied.relative_filter import RelativeFilter
+from companion.core.perception.landmarks.constellation import Alignment
 
 AT: dict[int, Level] = {2: (12.0, 1.0), 3: (2.0, -11.0), 4: (-9.0, 6.0)}
 ALONE = replace(BY_TRUNKS, mean_range_m=None)  # each range is weighed by itself

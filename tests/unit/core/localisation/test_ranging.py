@@ -7,7 +7,7 @@ import math
 import pytest
 
 from companion.core.localisation.gnss_denied.excitation import FROM_RAD, SPEED_MPS, UNTIL_RAD, ExcitationManoeuvre
-from companion.core.localisation.gnss_denied.localiser import GnssDeniedLocaliser
+from companion.core.localisation.gnss_denied.localiser import GnssDeniedLocaliser, rotate_beacon
 from companion.core.localisation.gnss_denied.ranging import RangingLocaliser
 from companion.core.localisation.gnss_denied.relative_filter import COASTS_S
 from companion.core.model.beacon import PeerReport, RelativeReport
@@ -93,7 +93,8 @@ def test_what_others_tell_is_turned_to_the_own_compass() -> None:
     flight.fly(60.0)
     dest = (100.0, 20.0, 0.0)
     seen = PeerReport(3, flight.told(2, (10.0, 0.0, 0.0)), 0.5, silent=True)
-    said = flight.here.rotate_beacon(beacon(2, dest_ned_m=flight.told(2, dest), sighting=seen))
+    by_rad = flight.here.filter.compass_of(2) - flight.here.filter.compass[0]
+    said = rotate_beacon(beacon(2, dest_ned_m=flight.told(2, dest), sighting=seen), by_rad)
     assert said.dest_ned_m is not None
     assert math.dist(said.dest_ned_m, flight.told(1, dest)) < 1.0  # unturned it would be 7 m off
     assert said.sighting is not None

@@ -8,11 +8,14 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from companion.sensors.table import kinds_of
 from mission.cli import check
 from mission.common.problems import MissionError
 from mission.document import simulator
 from mission.document.load import dump_mission, parse_mission
 from mission.document.model import Mission
+from mission.stand.stand import Stand
+from sim_bridge.world.sensors.ranging import range_radios_of
 from tests.unit.core.ranging_kit import STARTS, ranging_mission
 
 ROUTE = {"d1_enu_m": [0, 0, 8], "d2_enu_m": [130, 0, 8], "vel_leader_mps": 3}
@@ -30,6 +33,7 @@ def refusal(gnss: Any, **others: Any) -> str:
 
 
 RANGING = {"ranging": {"start_enu_m": STARTS}}
+FAULT = {"kind": "range-errors", "at_s": 5.0, "vehicles": [2], "bias_m": 0.5, "noise_m": 0.1}
 
 
 def test_by_default_all_have_satellites() -> None:
@@ -91,6 +95,46 @@ def test_ids_name_those_that_have_satellites() -> None:
 )
 def test_what_does_not_go_together_is_refused(gnss: Any, others: Any, said: str) -> None:
     assert said in refusal(gnss, **others)
+
+
+RAW = {"sensing": {"sensor": "scan-1deg", "range_m": 12.0}}
+NO_RADIO = {"ranging": {"start_enu_m": STARTS, "radio": False}}
+
+
+def test_without_range_radios_vehicles_fly_by_trunks() -> None:
+    mission = flown((1,), **NO_RADIO, **RAW)
+    assert mission.flies_by_ranges
+    assert mission.shares_trunks
+    assert not mission.has_range_radios
+    assert flown((1,), **RANGING, **RAW).has_range_radios
+    assert not flown("all").has_range_radios
+    near = {"start_enu_m": STARTS, "radio": False, "reach_m": 5.0}  # of no radio
+    assert not flown((1,), ranging=near, **RAW).has_range_radios
+
+
+@pytest.mark.parametrize(
+    ("gnss", "others", "said"),
+    [
+        ("all", {**NO_RADIO, **RAW}, "ranging.radio = false: must be true where all have GNSS"),
+        ((1,), NO_RADIO, "ranging.radio = false: must be true without [sensing]"),
+        ((1,), {**NO_RADIO, "sensing": {"range_m": 8.0}}, "ranging.radio = false: must be true unless"),
+        (
+            (1,),
+            {**NO_RADIO, **RAW, "sim": {"faults": [FAULT]}},
+            'sim.faults[0].kind = "range-errors": range-errors needs range radios (ranging.radio = false)',
+        ),
+    ],
+)
+def test_what_flies_without_range_radios_needs_trunks(gnss: Any, others: Any, said: str) -> None:
+    assert said in refusal(gnss, **others)
+
+
+def test_no_range_radio_is_asked_for_nor_simulated() -> None:
+    mission = flown((1,), **NO_RADIO, **RAW)
+    assert "ranges" not in kinds_of(mission)
+    assert "ranges" in kinds_of(flown((1,), **RANGING, **RAW))
+    assert range_radios_of(mission, Stand(), (1, 2)) is None
+    assert range_radios_of(flown((1,), **RANGING, **RAW), Stand(), (1, 2)) is not None
 
 
 def test_a_smaller_swarm_takes_the_first_places() -> None:

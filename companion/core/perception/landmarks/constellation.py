@@ -11,7 +11,6 @@ import math
 from collections.abc import Sequence
 from typing import Final, final
 
-from companion.core.localisation.gnss_denied.error_state import Level
 from companion.core.model.beacon import ToldTrunk
 
 SHIFT_M: Final = 3.0  # searched, about where the neighbour is thought to be
@@ -33,6 +32,7 @@ ANOTHER_M: Final = 0.7  # what is nearer is the same place
 TURN_SD_MAX_RAD: Final = math.radians(1.0)
 TRUNK_SD_M: Final = 0.08  # of two sightings of a trunk against each other, at best, an axis
 
+Level = tuple[float, float]  # north, east, m
 _Pair = tuple[float, float, float, float]  # told north, east; known north, east
 
 
@@ -79,9 +79,9 @@ def align(
     for votes, _, start in _vote(told, known, place, turn_rad):
         if len(found) >= TRIES or (best is not None and -votes < VOTES_SHARE * best.matched):
             break
-        if _is_one_of(start, found):
+        if is_one_of(start, found):
             continue
-        fit = _refine(told, known, start)
+        fit = refine(told, known, start)
         if fit is not None:
             found.append(fit)
             if best is None or fit.matched > best.matched:
@@ -89,17 +89,17 @@ def align(
     if best is None:
         return None
     for fit in found:
-        if not _is_one_of(fit, [best]):
+        if not is_one_of(fit, [best]):
             second = max(second, fit.matched)
-    overlap = _count_expected(told, known, best)
+    overlap = count_expected(told, known, best)
     is_unique = second <= SECOND_SHARE * best.matched
     is_complete = best.matched >= OVERLAP_SHARE * overlap
     at = best.place((0.0, 0.0))
     is_near = math.hypot(at[0] - place[0], at[1] - place[1]) <= SHIFT_M + ANOTHER_M
-    return best if best.matched >= least and is_unique and is_complete and is_near and _is_sharp(best) else None
+    return best if best.matched >= least and is_unique and is_complete and is_near and is_sharp(best) else None
 
 
-def _is_sharp(fit: Alignment) -> bool:
+def is_sharp(fit: Alignment) -> bool:
     return fit.turn_sd_rad < TURN_SD_MAX_RAD
 
 
@@ -168,7 +168,7 @@ def _count_votes(shifts: Sequence[tuple[int, float, float]], chosen: int) -> int
     return count
 
 
-def _refine(told: Sequence[ToldTrunk], known: Sequence[ToldTrunk], start: Alignment) -> Alignment | None:
+def refine(told: Sequence[ToldTrunk], known: Sequence[ToldTrunk], start: Alignment) -> Alignment | None:
     """By least squares over the trunks that match; None: too few."""
     fit, reach_m = start, VOTE_M + MATCH_M
     for _ in range(FITS):
@@ -218,7 +218,7 @@ def _fit(pairs: Sequence[_Pair]) -> Alignment:
     )
 
 
-def _is_one_of(fit: Alignment, found: Sequence[Alignment]) -> bool:
+def is_one_of(fit: Alignment, found: Sequence[Alignment]) -> bool:
     for other in found:
         n, e = other.place(fit.there)
         if math.hypot(fit.here[0] - n, fit.here[1] - e) < ANOTHER_M:
@@ -226,7 +226,7 @@ def _is_one_of(fit: Alignment, found: Sequence[Alignment]) -> bool:
     return False
 
 
-def _count_expected(told: Sequence[ToldTrunk], known: Sequence[ToldTrunk], fit: Alignment) -> int:
+def count_expected(told: Sequence[ToldTrunk], known: Sequence[ToldTrunk], fit: Alignment) -> int:
     """Known trunks beside those told: who has seen these has mostly seen them."""
     places = [fit.place((one[0], one[1])) for one in told]
     count = 0

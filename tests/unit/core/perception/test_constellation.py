@@ -7,9 +7,9 @@ from random import Random
 
 import pytest
 
-from companion.core.localisation.gnss_denied.constellation import Alignment, align, turned
 from companion.core.localisation.gnss_denied.error_state import Level
 from companion.core.model.beacon import ToldTrunk
+from companion.core.perception.landmarks.constellation import Alignment, align, turned
 
 THERE: Level = (6.0, -5.0)
 TURN = math.radians(4.0)
