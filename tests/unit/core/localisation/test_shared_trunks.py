@@ -20,7 +20,7 @@ from companion.core.model.beacon import RelativeReport, ToldTrunk, TrunkReport
 from companion.core.model.events import Position
 from companion.core.perception.landmarks.solitary_trunks import SolitaryTrunks
 from mission.common.frames import Vec3, enu_to_ned
-from tests.unit.core.localisation.test_constellation import stand
+from tests.unit.core.perception.test_constellation import stand
 from tests.unit.core.ranging_kit import STARTS, ranging_mission
 
 ME, OTHER = 1, 2

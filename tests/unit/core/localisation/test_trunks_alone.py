@@ -15,7 +15,7 @@ from companion.core.model.events import Position
 from companion.core.model.states import LandedState
 from companion.core.perception.landmarks.solitary_trunks import SolitaryTrunks
 from mission.common.frames import Vec3, enu_to_ned
-from tests.unit.core.localisation.test_constellation import stand
+from tests.unit.core.perception.test_constellation import stand
 from tests.unit.core.ranging_kit import STARTS, ranging_mission
 
 LEADER, ME = 1, 2
