@@ -40,6 +40,7 @@ PAIR_M = 8.0  # from one that stands to one that it may wait for
 STANDS_M = 1.0  # of progress: less is none
 LONG_S = 20.0  # so long without is a deadlock
 SAMPLED_S = 0.5
+SENSORS = {"sectors": 8.0, "scan-1deg": 12.0}  # and their reach, m
 ON_WAY = (FlightState.TRANSIT, FlightState.RETURNING, FlightState.SEEKING)
 
 
@@ -64,9 +65,7 @@ class Flown:
     wide_m: float
     deep_m: float
     grade: str
-    through_s: (
-        float | None
-    )  # from the first vehicle within NEAR_M of the gap until all are beyond the wall; None: never
+    through_s: float | None  # from the first vehicle near the gap until all are beyond the wall; None: never
     back_s: float | None  # the same on the way back
     waits: tuple[Wait, ...]
     separation_m: float
@@ -136,7 +135,7 @@ class Watch:
             )
 
 
-def tables(seed: int, *, kind: str, size: int, shape: str) -> tuple[dict[str, Any], Watch]:
+def tables(seed: int, *, kind: str, size: int, shape: str, sensor: str) -> tuple[dict[str, Any], Watch]:
     """The mission of one flight, as tables, and what looks at it."""
     drawn = np.random.default_rng(seed)
     wide_m, aside_m = round(float(drawn.uniform(*WIDE_M)), 2), round(float(drawn.uniform(-ASIDE_M, ASIDE_M)), 2)
@@ -171,7 +170,7 @@ def tables(seed: int, *, kind: str, size: int, shape: str) -> tuple[dict[str, An
             "altitude_max_m": 6.0,
             "polygon_enu_m": [[-40.0, -north_m], [120.0, -north_m], [120.0, north_m], [-40.0, north_m]],
         },
-        "sensing": {"range_m": 8.0, "rate_hz": 10.0},
+        "sensing": {"sensor": sensor, "range_m": SENSORS[sensor], "rate_hz": 10.0},
         "forest": {
             "trees": [
                 {"base_enu_m": [round(e, 3), round(n, 3)], "trunk_radius_m": TRUNK_M, "height_m": 15.0}
@@ -183,9 +182,9 @@ def tables(seed: int, *, kind: str, size: int, shape: str) -> tuple[dict[str, An
     return flown, Watch((WALL_EAST_M, aside_m), wide_m, deep_m)
 
 
-def fly_one(seed: int, *, kind: str, size: int, shape: str) -> Flown:
+def fly_one(seed: int, *, kind: str, size: int, shape: str, sensor: str) -> Flown:
     """Flies one on point masses."""
-    values, watch = tables(seed, kind=kind, size=size, shape=shape)
+    values, watch = tables(seed, kind=kind, size=size, shape=shape, sensor=sensor)
     mission = validated(Mission, values, "gap").with_origin(DEFAULT_ORIGIN)
     with tempfile.TemporaryDirectory(prefix="gaps-") as place:
         outcome, _ = flown(mission, Path(place) / "run", watch=watch)
@@ -215,18 +214,19 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--size", type=positive, default=4, metavar="N", help="vehicles (4)")
     parser.add_argument("--kind", choices=("through", "cut"), default="through")
     parser.add_argument("--shape", choices=("wall", "funnel"), default="funnel")
+    parser.add_argument("--sensor", choices=SENSORS, default="sectors", help="(sectors)")
     parser.add_argument("--jobs", type=positive, default=1, metavar="N", help="flights at once (1)")
     args = parser.parse_args(argv)
     rows = []
     with ProcessPoolExecutor(args.jobs) as pool:
-        one = partial(fly_one, kind=args.kind, size=args.size, shape=args.shape)
+        one = partial(fly_one, kind=args.kind, size=args.size, shape=args.shape, sensor=args.sensor)
         for row in pool.map(one, range(args.first_seed, args.first_seed + args.flights)):
             print(json.dumps(asdict(row)), flush=True)
             rows.append(row)
     waits = [wait.lasted_s for row in rows for wait in row.waits]
     through = [row.through_s for row in rows if row.through_s is not None]
     back = [row.back_s for row in rows if row.back_s is not None]
-    print(f"n = {args.size}, {args.shape}, {args.kind}: {_sum_up(through, len(rows))} through, ", end="")
+    print(f"n = {args.size}, {args.shape}, {args.kind}, {args.sensor}: {_sum_up(through, len(rows))} through, ", end="")
     print(f"{_sum_up(back, len(rows))} back; {len(waits)} waits of 5 s and more, ", end="")
     print(f"{sum(s > LONG_S for s in waits)} above {LONG_S:.0f} s; {sum(row.contacts for row in rows)} contacts")
     return 0

@@ -87,7 +87,7 @@ def test_leader_that_stays_blind_rests_then_lands_and_another_leads_the_others_o
         forest={"trees": TREES},
         swarm={"size": 4},
         coverage={"duration_s": 60.0},
-        sim={"seed": 1, "faults": [{"kind": "blind", "phase": "transit", "at_s": 3.0}]},
+        sim={"seed": 1, "faults": [{"kind": "blind", "phase": "transit", "at_s": 2.5}]},
     )
     outcome, shown = flown(mission, tmp_path)
     (event,) = load_faults(tmp_path)
