@@ -35,6 +35,8 @@ SPEED_MPS = 3.0
 WIDE_M = 0.9  # from the course to a bark: as near as vehicles pass
 LATE_S = 0.05  # of a scan: a tick
 SETTLED_S = 5.0  # from when on errors count
+FOUND_S = 20.0  # from when on drifts do
+MEAN_TICKS = 20  # of which headings are averaged: a turn of the sensor is noisy
 SENSORS = {
     SensorClass.SECTORS: 8.0,
     SensorClass.SCAN_1DEG: 12.0,
@@ -54,6 +56,9 @@ class Flown:
     heading_deg: float  # of the corrected heading, rms
     reported_heading_deg: float
     corrected_share: float  # of the time in which trunks corrected the pose
+    # From FOUND_S on, when flying has shown how the trunks' frame is turned: for each 100 m of way
+    drift_m: float
+    drift_deg: float
 
 
 def mission_of(density_per_ha: float, sensor: SensorClass, seed: int) -> Mission:
@@ -126,6 +131,9 @@ def fly(density_per_ha: float, sensor: SensorClass, seed: int, lean_rad: float =
     told_v, seen_v = np.array(reported)[:, :2], np.array(corrected)[:, :2]
     angles, drift = np.degrees(np.array(headings)), np.array(strayed)
     flown_m = SPEED_MPS * 0.75 * LENGTH_S
+    found = round((FOUND_S - SETTLED_S) / TICK_S)
+    since_m = flown_m * (1.0 - FOUND_S / LENGTH_S)
+    turned_deg = float(np.mean(angles[-MEAN_TICKS:, 1]) - np.mean(angles[found : found + MEAN_TICKS, 1]))
     return Flown(
         float(np.sqrt(np.mean(told_v**2))),
         float(np.sqrt(np.mean(seen_v**2))),
@@ -134,6 +142,8 @@ def fly(density_per_ha: float, sensor: SensorClass, seed: int, lean_rad: float =
         float(np.sqrt(np.mean(angles[:, 1] ** 2))),
         float(np.sqrt(np.mean(angles[:, 0] ** 2))),
         fixed / len(reported),
+        float(np.hypot(*(drift[-1] - drift[found])) * 100.0 / since_m),
+        abs(turned_deg) * 100.0 / since_m,
     )
 
 
@@ -251,9 +261,10 @@ def main(argv: Sequence[str]) -> int:
     lean_rad = math.radians(args.lean_deg)
     print(
         "| sensor | trees/ha | velocity, m/s an axis: reported | corrected | 99.9 % of its error are less "
-        "| place, m per 100 m | heading, deg: reported | corrected | trunks correct it for |"
+        "| place, m per 100 m | heading, deg: reported | corrected | trunks correct it for "
+        f"| from {FOUND_S:g} s on: place, m per 100 m | heading, deg per 100 m |"
     )
-    print("|---|---|---|---|---|---|---|---|---|")
+    print("|---|---|---|---|---|---|---|---|---|---|---|")
     for sensor in args.sensor or SENSORS:
         for density in args.density or (100.0, 200.0, 400.0):
             seeds = range(args.first_seed, args.first_seed + args.runs)
@@ -262,7 +273,9 @@ def main(argv: Sequence[str]) -> int:
             cells = [_cell([getattr(run, name) for run in runs]) for name in names]
             share = np.mean([run.corrected_share for run in runs])
             what = f"{sensor.value}, {SENSORS[sensor]:g} m"
-            print(f"| {what} | {density:g} | {' | '.join(cells)} | {100.0 * share:.0f} % |", flush=True)
+            drifts = [_cell([getattr(run, name) for run in runs]) for name in ("drift_m", "drift_deg")]
+            told = " | ".join([what, f"{density:g}", *cells, f"{100.0 * share:.0f} %", *drifts])
+            print(f"| {told} |", flush=True)
     return 0
 
 
