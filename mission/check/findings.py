@@ -34,10 +34,14 @@ from mission.rules.survey_rules import cut_distances_m
 from mission.schema.check import validated
 from mission.schema.forest import M2_PER_HA
 from mission.schema.sim import OdometryErrors, RangingErrors, Sky
-from mission.schema.tables import Sensing, Survey, Swarm
+from mission.schema.tables import Ranging, Sensing, Survey, Swarm
 
 if TYPE_CHECKING:
     from mission.stand.stand import ReadStems, Stand
+
+# By trunks alone, flown: none of two swarms left their start by lidars of 12 m; at 50 trees/ha one of three did
+ALONE_RANGE_M = 16.0
+ALONE_DENSITY_PER_HA = 100.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +74,7 @@ def check_document(document: Document, path: str | os.PathLike[str], read: ReadS
     notes = [
         *find_short_batteries(mission),
         *_idle(mission),
+        *_trunks_alone(mission),
         *_layers(mission),
         *_survey(mission),
         *_payload(mission),
@@ -96,6 +101,32 @@ def _idle(mission: Mission) -> Iterator[str]:
     idle = [key for key, is_said in said.items() if is_said]
     if idle:
         yield f"all have GNSS (swarm.gnss): nothing comes of {', '.join(idle)}"
+
+
+def _trunks_alone(mission: Mission) -> Iterator[str]:
+    """Notes what comes of nothing without range radios, and where trunks may be too few to leave the start by."""
+    ranging, sensing = mission.ranging, mission.sensing
+    if not mission.flies_by_ranges or ranging is None or ranging.radio or sensing is None:
+        return
+    said = {
+        "ranging.reach_m": ranging.reach_m != Ranging().reach_m,
+        "ranging.rate_hz": ranging.rate_hz != Ranging().rate_hz,
+        "[sim.ranging]": mission.sim.ranging != RangingErrors(),
+    }
+    idle = [key for key, is_said in said.items() if is_said]
+    if idle:
+        yield f"no range radios (ranging.radio): nothing comes of {', '.join(idle)}"
+    stand = mission.forest.stand
+    few = [
+        *([f"sensing.range_m = {sensing.range_m:g}"] if sensing.range_m < ALONE_RANGE_M else []),
+        *(
+            [f"forest.stand.density_per_ha = {stand.density_per_ha:g}"]
+            if stand is not None and stand.density_per_ha < ALONE_DENSITY_PER_HA
+            else []
+        ),
+    ]
+    if few:
+        yield f"by trunks alone: with {' and '.join(few)} vehicles may see too few of the same trunks to set out"
 
 
 def _sensors(mission: Mission) -> Iterator[str]:

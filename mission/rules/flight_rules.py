@@ -60,7 +60,8 @@ def placement_radius_m(mission: MissionTables) -> float:
     n, spacing_m = mission.swarm.size, mission.sim.placement_spacing_m
     if mission.ranging is not None and mission.flies_by_ranges:
         d1 = mission.route.d1_enu_m
-        return START_OFF_M + max(math.dist(d1[:2], pos_enu_m[:2]) for pos_enu_m in mission.ranging.start_enu_m[:n])
+        starts = mission.ranging.start_enu_m[:n]  # too few, or none, are said by another law
+        return START_OFF_M + max([math.dist(d1[:2], pos_enu_m[:2]) for pos_enu_m in starts], default=0.0)
     if n == 1:
         return 0.0
     match mission.sim.placement:

@@ -64,7 +64,7 @@ def _ranging(mission: MissionTables, ranging: Ranging) -> Iterator[Conflict]:
 
 def _no_radio(mission: MissionTables) -> Iterator[Conflict]:
     if not mission.flies_by_ranges:
-        must = "must be true where all have GNSS: else leave [ranging] out"
+        must = "must be true where all have GNSS: without range radios leave [ranging] out there"
         yield conflict(mission, ("ranging.radio", "swarm.gnss"), must)
     elif mission.sensing is None:
         yield conflict(mission, ("ranging.radio",), "must be true without [sensing]: no vehicle sees trunks")

@@ -199,3 +199,39 @@ def test_check_says_that_no_crowns_stand_where_they_are_to_shade(
         file.write_text(tables)
         assert check.run([str(file)], as_json=False) == 0
         assert ("nothing comes of sim.satellites.crowns" in capsys.readouterr().out) is is_told
+
+
+@pytest.mark.parametrize("tables", [{"ranging": {}}, {"ranging": {"radio": False}, "sensing": {"sensor": "scan-1deg"}}])
+@pytest.mark.parametrize("forest", [{}, {"stand": {"density_per_ha": 200.0}}])
+def test_start_positions_that_are_missing_are_named(tables: Any, forest: Any) -> None:
+    assert "ranging.start_enu_m has 0 positions: each vehicle needs one" in refusal((1,), forest=forest, **tables)
+
+
+@pytest.mark.parametrize(
+    ("range_m", "density_per_ha", "radio", "said"),
+    [
+        (12.0, 50.0, {}, "with sensing.range_m = 12 and forest.stand.density_per_ha = 50 vehicles may see too few"),
+        (20.0, 200.0, {}, ""),
+        (20.0, 200.0, {"reach_m": 30.0}, "no range radios (ranging.radio): nothing comes of ranging.reach_m"),
+    ],
+)
+def test_check_says_what_trunks_alone_may_lack(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    range_m: float,
+    density_per_ha: float,
+    radio: dict[str, float],
+    said: str,
+) -> None:
+    file = tmp_path / "alone.toml"
+    mission = ranging_mission(
+        ranging={"start_enu_m": STARTS, "radio": False, **radio},
+        sensing={"sensor": "scan-0.5deg", "range_m": range_m},
+        forest={"stand": {"density_per_ha": density_per_ha}},
+    )
+    file.write_text(dump_mission(mission))
+    assert check.run([str(file)], as_json=False) == 0
+    told = capsys.readouterr().out
+    assert said in told
+    assert ("trunks alone" in told) is said.startswith("with")
+    assert ("no range radios" in told) is said.startswith("no range")
