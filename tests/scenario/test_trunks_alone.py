@@ -42,18 +42,20 @@ def test_a_swarm_arrives_by_trunks_alone(tmp_path: Path) -> None:
     outcome, shown = flown(by_trunks(), tmp_path, watch=watch)
     assert outcome.summary["verdict"] == "ARRIVED", shown
     assert outcome.metrics.contacts == 0
+    assert "start not confirmed" not in shown
     assert outcome.metrics.min_separation_m >= 4.5
     assert relative.error_m < 0.4
     assert not measured
 
 
-def test_without_alignments_it_lands_where_it_started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_alignments_nobody_sets_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mission = by_trunks(sim={"time_limit_s": 120.0})
     monkeypatch.setattr(Mission, "shares_trunks", False)
     outcome, shown = flown(mission, tmp_path)
     assert not outcome.metrics.arrived
     assert outcome.metrics.contacts == 0
     assert "hold: vehicle 1 position uncertain" in shown
+    assert "start not confirmed: no trunks in common" in shown
     assert "transit" not in shown
 
 

@@ -13,7 +13,7 @@ from typing import Final
 
 from companion.core.perception.level_scan import ScanClass
 
-COVERED_M: Final = 0.3  # by the mission's margin, by default
+COVERED_M: Final = 0.3  # by the mission's margin, or by less where that is less
 POINT_M: Final = 0.08  # less than a clearance to the nearest point of a trunk is believed too large, 99.9 %
 # Until a setpoint acts on what is seen: a turn of the sensor, 0.25 s as in JSBSim, and the lag
 ACTS_S: Final = 0.65
@@ -26,7 +26,7 @@ def velocity_error_mps(kind: ScanClass, shift_sd_m: float) -> float:
     return min(UNTOLD_MPS, kind.velocity_mps + PER_S * shift_sd_m)
 
 
-def find_wider_m(kind: ScanClass, shift_sd_m: float) -> float:
+def find_wider_m(kind: ScanClass, shift_sd_m: float, margin_m: float) -> float:
     """Metres more than the mission's margin; 0 where trunks tell the own motion as well as that reckons with."""
     strays_m = ACTS_S * velocity_error_mps(kind, shift_sd_m)
-    return max(0.0, math.sqrt(POINT_M * POINT_M + strays_m * strays_m) - COVERED_M)
+    return max(0.0, math.sqrt(POINT_M * POINT_M + strays_m * strays_m) - min(margin_m, COVERED_M))

@@ -211,13 +211,10 @@ class SensingPerception(ObstaclePerception):
         self._frame_rad2: Final = (FRAME_RAD if self._has_widths else FRAME_BY_SECTORS_RAD) ** 2
         self._others: Final = mission.swarm.size - 1
         self._ghosts: Final = GhostTracks()
+        self._margin_m: Final = sensing.margin_m
         self._clear_m: Final = sensing.vehicle_radius_m + sensing.margin_m
-        self.motion: Final = OwnMotion(
-            self._kind,
-            turns_with_yaw=turns_with_yaw,
-            hull_m=sensing.vehicle_radius_m,
-            others=self._others,
-        )
+        hull_m = sensing.vehicle_radius_m
+        self.motion: Final = OwnMotion(self._kind, turns_with_yaw=turns_with_yaw, hull_m=hull_m, others=self._others)
         # Laid where a leader may rise alone: without that it looks at no ray
         self.columns: Final = ColumnMap(clear_m=self._clear_m, top_up_m=mission.ceiling_m + ABOVE_M)
 
@@ -342,8 +339,8 @@ class SensingPerception(ObstaclePerception):
         blind = hits.find_blind(now_s, fresh_s=self.stale_s)
         norths, easts = hits.find_near(here_ned_m, hits.max_m + BEYOND_M)
         self._memory.note_points(norths, easts, here_ned_m, blind, hits.max_m, now_s)
-        unsure_m = find_wider_m(self._kind, self.motion.odometry.shift_sd_m(now_s))
-        clear_m = self._clear_m + self._noise.wider_m + unsure_m
+        clear_m = self._clear_m + self._noise.wider_m
+        clear_m += find_wider_m(self._kind, self.motion.odometry.shift_sd_m(now_s), self._margin_m)
         cloud = LocalObstacleCloud(
             hits.max_m - clear_m,
             blind,

@@ -31,6 +31,8 @@ from mission.document.model import Mission
 REPORTS_MAX: Final = 8  # of one sender, that wait for their beacons: as many may come in one tick
 ASTRAY: Final = "position doubted: GNSS led astray"
 LOST: Final = "relative localisation not initialised"
+UNCONFIRMED: Final = "start not confirmed: no trunks in common"
+UNCONFIRMED_S: Final = 30.0  # in the air, by trunks alone: where there are some it takes 5 to 20 s
 SETTLES_S: Final = 5.0  # since it knows its position among the others: that still moves by metres
 ANCHOR_MPS: Final = 0.5  # a leader goes over to what GNSS says this fast: no setpoint jumps, 10 m take 20 s
 
@@ -52,6 +54,7 @@ class GnssDeniedLocaliser(Localiser):
         self._anchored_s = 0.0
         self._offset_ned_m = ZERO
         self._settled_s = -math.inf  # when its relative positions have settled since it was initialised
+        self._doubtful_s = math.inf  # since when it is, by trunks alone; -inf: that is said
 
     @property
     def may_lose_position(self) -> bool:
@@ -168,6 +171,12 @@ class GnssDeniedLocaliser(Localiser):
         found = self.ranging.advance(now_s)
         if found:
             self.said.append(Say(Severity.NOTICE, found))
+        if self.ranging.has_radio or not self.ranging.is_doubtful:
+            return
+        self._doubtful_s = min(self._doubtful_s, now_s)
+        if self._doubtful_s != -math.inf and now_s - self._doubtful_s >= UNCONFIRMED_S:
+            self._doubtful_s = -math.inf
+            self.said.append(Say(Severity.WARNING, UNCONFIRMED))
 
     def _correct_silent(self, silent: dict[int, PeerReport], now_s: float) -> dict[int, PeerReport]:
         return {k: self._correct_report(seen, now_s) for k, seen in silent.items()}

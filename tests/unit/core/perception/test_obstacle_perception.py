@@ -107,7 +107,7 @@ def test_more_is_kept_from_what_is_seen_while_nothing_tells_the_own_motion() -> 
         perception.integrate_scan(scan_kit.sectors(stems, (0.0, 0.0), 0.0), own, now_s, ())
         perception.correct_odometry(own, now_s + 0.01)
         clears_m.append(perception.observe_obstacles(own.pos_ned_m, own.pos_ned_m, {}, now_s).clears_m[0])
-    assert clears_m[0] == pytest.approx(0.65 + find_wider_m(scan_kit.SECTORS, math.inf))
+    assert clears_m[0] == pytest.approx(0.65 + find_wider_m(scan_kit.SECTORS, math.inf, 0.3))
     assert clears_m[29] == pytest.approx(0.65)
     assert 0.70 < clears_m[45] < 0.76  # 1.6 s after the last correction
     assert clears_m[-1] == pytest.approx(clears_m[0])
