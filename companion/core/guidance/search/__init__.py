@@ -1,1 +1,1 @@
-"""The search for a way over all that was seen (`path_search`), and the detour that it leads by (`detour`)."""
+"""Ways over all that was seen (`path_search`) and known (`known_places`), and the `detour` that a vehicle is led by."""

@@ -39,11 +39,6 @@ class Detour:
         self._side = 0
         self._since_s = SEARCH_S  # since it was searched last
 
-    @property
-    def is_flown(self) -> bool:
-        """It leads the vehicle elsewhere than it desires."""
-        return self._aim is not None
-
     def lead(
         self,
         desired: tuple[float, float],

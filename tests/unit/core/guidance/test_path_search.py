@@ -187,5 +187,6 @@ def test_a_target_beyond_the_fence_is_before_it() -> None:
 
 
 def test_one_that_is_outside_of_the_fence_may_come_back() -> None:
-    fence = box(5.0, -10.0, 25.0, 10.0)
+    fence = box(1.0, -10.0, 25.0, 10.0)  # before it there would be no way
+    assert KnownPlaces((), fence).end_before((15.0, 0.0)) == (15.0, 0.0)
     assert find_way(seen([]), (15.0, 0.0), fence=fence) == pytest.approx((1.0, 0.0))
