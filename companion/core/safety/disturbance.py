@@ -31,6 +31,10 @@ FOLLOW: Final = 0.4  # of a new residual in each tick: noise is smoothed, a gust
 LIMIT_MPS: Final = 2.5  # of what is leant against
 AHEAD_TICKS: Final = 6  # a setpoint has acted after so long
 MEMORY_S: Final = 6.0
+# Slower changes of what a model leaves are wind; those from tick to tick are noise, and would choose any model: by
+# velocities told 0.2 m/s wrong a vehicle knew its dead time half of the time (docs/explanation/trees.md)
+WIND_S: Final = 3.0
+FOLLOWS_S: Final = 20.0  # memory of how it follows, which changes less than the wind
 CALM_MPS: Final = 0.15  # change in calm air: noise, and the models' error
 
 
@@ -42,6 +46,8 @@ class _Model:
         "commanded",
         "east_mps",
         "east_mps2",
+        "mean_east_mps",
+        "mean_north_mps",
         "misses2",
         "north_mps",
         "north_mps2",
@@ -55,7 +61,8 @@ class _Model:
         self.shaping: Final = shaping
         self.north_mps = self.east_mps = self.north_mps2 = self.east_mps2 = 0.0
         self.off_north_mps = self.off_east_mps = 0.0  # of the flown velocity from it
-        self.misses2 = 0.0  # how much that changes from tick to tick, squared, lately
+        self.mean_north_mps = self.mean_east_mps = 0.0  # of that, over WIND_S
+        self.misses2 = 0.0  # how far it is from its mean, squared, lately
 
     def begin(self, vel: tuple[float, float]) -> None:
         """From that velocity, commanded to brake."""
@@ -63,6 +70,7 @@ class _Model:
         self.north_mps, self.east_mps = vel
         self.north_mps2 = self.east_mps2 = 0.0
         self.off_north_mps = self.off_east_mps = 0.0
+        self.mean_north_mps = self.mean_east_mps = 0.0
 
 
 @final
@@ -144,9 +152,12 @@ class DisturbanceEstimator:
         model.commanded.append(commanded)
         _predict_response(model, model.commanded.pop(0), dt_s, most_mps2)
         r_n, r_e = vel[0] - model.north_mps, vel[1] - model.east_mps
-        d_n, d_e = r_n - model.off_north_mps, r_e - model.off_east_mps
         model.off_north_mps, model.off_east_mps = r_n, r_e
-        model.misses2 += min(1.0, dt_s / MEMORY_S) * (d_n * d_n + d_e * d_e - model.misses2)
+        share = min(1.0, dt_s / WIND_S)
+        model.mean_north_mps += share * (r_n - model.mean_north_mps)
+        model.mean_east_mps += share * (r_e - model.mean_east_mps)
+        d_n, d_e = r_n - model.mean_north_mps, r_e - model.mean_east_mps
+        model.misses2 += min(1.0, dt_s / FOLLOWS_S) * (d_n * d_n + d_e * d_e - model.misses2)
 
     def under_way(self, dt_s: float, most_mps2: float) -> tuple[float, float, float, float] | None:
         """Predicts where the vehicle will be, and how much faster, when no more than DEAD_S is left to a setpoint.

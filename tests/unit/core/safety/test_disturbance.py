@@ -52,6 +52,30 @@ def test_turns_of_a_vehicle_in_calm_air_are_no_gusts(dead: int) -> None:
     assert (gusts.under_way(DT_S, MOST_MPS2) is None) == (dead * DT_S <= DEAD_S)
 
 
+def turn_seldom(now_s: float) -> Level:
+    """Two seconds of eight; setpoints leave the ones before by no more than the acceleration limit."""
+    along_s = now_s % 8.0
+    return (3.0, 1.5 * max(0.0, min(1.0, along_s / 0.5, (2.5 - along_s) / 0.5)))
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("dead", [0, 3, 5])
+def test_dead_time_is_known_in_spite_of_velocities_that_are_told_wrong(dead: int, seed: int) -> None:
+    """Most of the way is straight, where all dead times look alike."""
+    rng, gusts = random.Random(seed), DisturbanceEstimator()
+    told: list[tuple[float, Level]] = [(0.0, (0.0, 0.0))]  # until when, and how wrong
+    knows: list[bool] = []
+
+    def wrong(now_s: float) -> Level:
+        knows.append((gusts.under_way(DT_S, MOST_MPS2) is None) == (dead * DT_S <= DEAD_S))
+        if now_s >= told[-1][0]:
+            told.append((now_s + rng.uniform(0.0, 0.1), (rng.gauss(0.0, 0.2), rng.gauss(0.0, 0.2))))
+        return told[-1][1]
+
+    fly(gusts, turn_seldom, wrong, dead=dead, s=60.0)
+    assert sum(knows[100:]) >= 0.98 * len(knows[100:])
+
+
 @pytest.mark.parametrize("dead", [0, 3, 5])
 def test_steady_push_is_found_within_half_a_second(dead: int) -> None:
     gusts = DisturbanceEstimator()

@@ -18,8 +18,10 @@ from companion.core.safety.disturbance import (
     CALM_MPS,
     DEAD_TICKS,
     FOLLOW,
+    FOLLOWS_S,
     LIMIT_MPS,
     MEMORY_S,
+    WIND_S,
     DisturbanceEstimator,
     DisturbanceObserver,
     WindObserver,
@@ -292,22 +294,25 @@ class Reference:
     """The estimator for vehicles that follow with a lag, in complex numbers."""
 
     def __init__(self) -> None:
-        self.models = [{"under_way": [0j] * dead, "u": 0j, "off": 0j, "misses2": 0.0} for dead in DEAD_TICKS]
+        self.models = [
+            {"under_way": [0j] * dead, "u": 0j, "off": 0j, "mean": 0j, "misses2": 0.0} for dead in DEAD_TICKS
+        ]
         self.level, self.square, self.past, self.begins = 0j, 0.0, [], True
 
     def estimate(self, vel: complex, told: complex, dt_s: float, most_mps2: float) -> None:
         if self.begins:
             self.begins = False
             for model in self.models:
-                model |= {"under_way": [0j] * len(model["under_way"]), "u": vel, "off": 0j}
+                model |= {"under_way": [0j] * len(model["under_way"]), "u": vel, "off": 0j, "mean": 0j}
             return
         for model in self.models:
             model["under_way"].append(told)
             acts = model["under_way"].pop(0)
             model["u"] += cut((1.0 - math.exp(-dt_s / LAG_S)) * (acts - model["u"]), most_mps2 * dt_s)
             off = vel - model["u"]
-            model["misses2"] += min(1.0, dt_s / MEMORY_S) * (abs(off - model["off"]) ** 2 - model["misses2"])
             model["off"] = off
+            model["mean"] += min(1.0, dt_s / WIND_S) * (off - model["mean"])
+            model["misses2"] += min(1.0, dt_s / FOLLOWS_S) * (abs(off - model["mean"]) ** 2 - model["misses2"])
         off = min(self.models, key=lambda model: model["misses2"])["off"]
         self.level = cut(self.level + FOLLOW * (off - self.level), LIMIT_MPS)
         self.past.append(self.level)
