@@ -95,8 +95,13 @@ class Localiser(ABC):
         """The own position in the mission's frame less the reported one, as of the last `update_destination`."""
 
     @abstractmethod
-    def receive_position(self, position: Position, now_s: float, *, airborne: bool) -> Position:
-        """Take in the autopilot's position and velocity; returns the position that the flight goes by."""
+    def receive_position(
+        self, position: Position, reported: Position, now_s: float, *, airborne: bool, is_corrected: bool
+    ) -> Position:
+        """Take in the autopilot's position and velocity; returns the position that the flight goes by.
+
+        `position`: as what is seen corrects the `reported` one; `is_corrected`: it does so now.
+        """
 
     @abstractmethod
     def receive_satellites(self, event: Satellites, now_s: float) -> None:

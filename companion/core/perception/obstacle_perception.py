@@ -120,6 +120,11 @@ class ObstaclePerception(ABC):
         """The own motion is corrected by trunks in sight."""
         return False
 
+    @property
+    def corrects_odometry(self) -> bool:
+        """Positions that the flight goes by are corrected by what is seen: they follow no fix that jumps."""
+        return False
+
     def find_solitary_trunks(self, flown: Position, now_s: float) -> SolitaryTrunks | None:  # noqa: ARG002
         """Trunks that may be told, about a vehicle that flies by this position; None: nothing seen tells its motion."""
         return None
@@ -195,8 +200,10 @@ class OpenSkyPerception(ObstaclePerception):
 class SensingPerception(ObstaclePerception):
     """With an obstacle sensor: its scans, as far and for as long as they count."""
 
-    def __init__(self, mission: Mission, sensing: Sensing, *, turns_with_yaw: bool = False) -> None:
-        """`turns_with_yaw`: as `ScanOdometry` has it."""
+    def __init__(
+        self, mission: Mission, sensing: Sensing, *, turns_with_yaw: bool = False, is_odometry: bool = False
+    ) -> None:
+        """`turns_with_yaw`, `is_odometry`: as `OwnMotion` has it."""
         super().__init__(mission, sensing.stale_s)
         self._map: Final = ObstacleMap(mission.separation.hard_m - NEIGHBOUR_NEARER_M)
         self._hulls: Final = HoveringHulls()
@@ -214,7 +221,9 @@ class SensingPerception(ObstaclePerception):
         self._margin_m: Final = sensing.margin_m
         self._clear_m: Final = sensing.vehicle_radius_m + sensing.margin_m
         hull_m = sensing.vehicle_radius_m
-        self.motion: Final = OwnMotion(self._kind, turns_with_yaw=turns_with_yaw, hull_m=hull_m, others=self._others)
+        self.motion: Final = OwnMotion(
+            self._kind, turns_with_yaw=turns_with_yaw, is_odometry=is_odometry, hull_m=hull_m, others=self._others
+        )
         # Laid where a leader may rise alone: without that it looks at no ray
         self.columns: Final = ColumnMap(clear_m=self._clear_m, top_up_m=mission.ceiling_m + ABOVE_M)
 
@@ -285,6 +294,11 @@ class SensingPerception(ObstaclePerception):
             level, yaw_rad, placed, neighbours, now_s, unheard=unheard, hovering=hovering
         )
         self._hulls.end_turn(stems, now_s)
+
+    @property
+    def corrects_odometry(self) -> bool:
+        """By the own motion."""
+        return self.motion.velocity_bias_ne_mps is not None
 
     @property
     def sees_motion(self) -> bool:
@@ -394,4 +408,6 @@ def build_perception(mission: Mission, me: int) -> ObstaclePerception:
     sensing = mission.sensing
     if sensing is None:
         return OpenSkyPerception(mission)
-    return SensingPerception(mission, sensing, turns_with_yaw=not mission.has_satellites(me))
+    return SensingPerception(
+        mission, sensing, turns_with_yaw=not mission.has_satellites(me), is_odometry=mission.flies_by_ranges
+    )

@@ -33,7 +33,8 @@ class OwnMotion:
     """One vehicle's, in the order of a tick: positions, then whole turns of its sensors.
 
     With GNSS the flight goes by reported positions, as its neighbours' are from the same satellites, and only what is
-    seen is placed by corrected ones. Without, reported positions are odometry, and the flight goes by corrected ones.
+    seen is placed by corrected ones. In a swarm where not all have it, positions are odometry, of which differences
+    count, and the flight goes by corrected ones: those with satellites too, whose fixes wander by a metre in seconds.
     From the moment on at which a fix is lost it goes by the last good position, and the way since by trunks.
     """
 
@@ -47,13 +48,21 @@ class OwnMotion:
         "velocity_bias_ne_mps",
     )
 
-    def __init__(self, kind: ScanClass, *, turns_with_yaw: bool, hull_m: float = 0.0, others: int = OTHERS) -> None:
-        """`turns_with_yaw`: reported positions are odometry; `hull_m`: a vehicle's radius; see `ScanOdometry`.
+    def __init__(
+        self,
+        kind: ScanClass,
+        *,
+        turns_with_yaw: bool,
+        is_odometry: bool = False,
+        hull_m: float = 0.0,
+        others: int = OTHERS,
+    ) -> None:
+        """`is_odometry`: the flight goes by corrected positions; `hull_m`: a vehicle's radius.
 
-        `others`: vehicles of the swarm besides this one.
+        `others`: vehicles of the swarm besides this one; `turns_with_yaw`: as `ScanOdometry` has it.
         """
         self._others: Final = others
-        self._is_odometry: Final = turns_with_yaw
+        self._is_odometry: Final = is_odometry
         self.odometry: Final = ScanOdometry(kind, turns_with_yaw=turns_with_yaw, hull_m=hull_m)
         self.vehicles: Final = VehicleTracks()
         self._observer: Final = VelocityBias()
