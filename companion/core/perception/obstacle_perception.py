@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final, final
 
 from companion.core.model.beacon import PeerReport
-from companion.core.model.events import AnyScan, LidarScan, ObstacleScan, Position
+from companion.core.model.events import AnyScan, ObstacleScan, Position
 from companion.core.model.neighbour import Neighbour, find_hover_places
 from companion.core.perception.columns.column_map import ColumnMap
 from companion.core.perception.landmarks.solitary_trunks import SolitaryTrunks, find_solitary
@@ -28,6 +28,7 @@ from companion.core.perception.sight import SightHistory
 from companion.core.perception.vehicles.ghost_tracks import GhostTracks
 from companion.core.perception.vehicles.hovering_hulls import HoveringHulls
 from companion.core.perception.vehicles.vehicle_tracks import SeenVehicle
+from companion.core.perception.yaw_correction import turned_rays, turned_sectors
 from mission.common.frames import Vec3
 from mission.document.model import Mission, Sensing
 from mission.rules.rise_rules import ABOVE_M
@@ -265,14 +266,14 @@ class SensingPerception(ObstaclePerception):
         """Into the obstacle map, as the pose by trunks has it; whole turns correct that pose."""
         placed, turn_rad = self.motion.correct_position(own), self.motion.turn_rad
         if isinstance(scan, ObstacleScan):
-            turned = scan if turn_rad == 0.0 else _turned_sectors(scan, turn_rad)
+            turned = scan if turn_rad == 0.0 else turned_sectors(scan, turn_rad)
             self._map.integrate_scan(turned, placed, now_s, neighbours)
             level = level_scan_of(turned, placed)
             self._integrate_turn(scan.sensor, level, scan.yaw_rad, placed, neighbours, unheard, now_s)
         else:
-            turned_rays = scan if turn_rad == 0.0 else _turned_rays(scan, turn_rad)
-            self.columns.integrate(turned_rays, placed, now_s)
-            whole = self._mapper.integrate_rays(turned_rays, placed, now_s, neighbours)
+            rays = scan if turn_rad == 0.0 else turned_rays(scan, turn_rad)
+            self.columns.integrate(rays, placed, now_s)
+            whole = self._mapper.integrate_rays(rays, placed, now_s, neighbours)
             if whole is not None:
                 yaw_rad = scan.last_attitude_rad[2]
                 self._integrate_turn(scan.sensor, whole, yaw_rad, placed, neighbours, unheard, now_s)
@@ -366,41 +367,6 @@ class SensingPerception(ObstaclePerception):
         )
         cloud.add_points(norths, easts, clear_m)
         return cloud
-
-
-def _turned_sectors(scan: ObstacleScan, turn_rad: float) -> ObstacleScan:
-    """The same scan of a vehicle whose yaw is more by so much."""
-    return ObstacleScan(
-        scan.sensor,
-        scan.ranges_m,
-        scan.start_rad,
-        scan.step_rad,
-        scan.min_m,
-        scan.max_m,
-        scan.roll_rad,
-        scan.pitch_rad,
-        scan.yaw_rad + turn_rad,
-        scan.age_s,
-    )
-
-
-def _turned_rays(scan: LidarScan, turn_rad: float) -> LidarScan:
-    """The same piece of a vehicle whose yaw is more by so much."""
-    first, last = scan.first_attitude_rad, scan.last_attitude_rad
-    return LidarScan(
-        scan.sensor,
-        scan.turn,
-        scan.ranges_m,
-        scan.elevation_rad,
-        scan.start_rad,
-        scan.step_rad,
-        scan.min_m,
-        scan.max_m,
-        scan.age_s,
-        scan.ray_time_s,
-        (first[0], first[1], first[2] + turn_rad),
-        (last[0], last[1], last[2] + turn_rad),
-    )
 
 
 def build_perception(mission: Mission, me: int) -> ObstaclePerception:
