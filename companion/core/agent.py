@@ -59,7 +59,7 @@ class Agent:
         self.localiser = build_localiser(mission, vehicle_id)
         self.swarm = Swarm(mission, vehicle_id, operator or FloodedOrders())
         self.movement = stages.build_guidance(mission, vehicle_id)
-        self.perception = build_perception(mission, vehicle_id)
+        self.perception = build_perception(mission, vehicle_id, is_odometry=self.localiser.may_lose_position)
         self.own_position = OwnPosition(self.localiser, self.perception)
         self.rise, self.sensors = build_rise(mission, self.perception), ObstacleSensorMonitor(self.perception.stale_s)
         self._lane_ends = 2 * len(mission.lanes)  # visits, before all others

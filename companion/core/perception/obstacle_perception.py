@@ -369,11 +369,10 @@ class SensingPerception(ObstaclePerception):
         return cloud
 
 
-def build_perception(mission: Mission, me: int) -> ObstaclePerception:
-    """The make that a mission's vehicle has."""
+def build_perception(mission: Mission, me: int, *, is_odometry: bool = False) -> ObstaclePerception:
+    """The make that a mission's vehicle has. `is_odometry`: its localiser goes by differences of positions."""
     sensing = mission.sensing
     if sensing is None:
         return OpenSkyPerception(mission)
-    return SensingPerception(
-        mission, sensing, turns_with_yaw=not mission.has_satellites(me), is_odometry=mission.flies_by_ranges
-    )
+    turns_with_yaw = not mission.has_satellites(me)
+    return SensingPerception(mission, sensing, turns_with_yaw=turns_with_yaw, is_odometry=is_odometry)

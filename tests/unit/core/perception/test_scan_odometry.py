@@ -8,12 +8,11 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from companion.core.localisation.integrity.own_position import OwnPosition
-from companion.core.localisation.makes import build_localiser
+from companion.core.agent import Agent
 from companion.core.model.events import Position, Satellites
 from companion.core.model.vectors import ZERO
 from companion.core.perception.landmarks.trunk_tracks import TRACKS_MAX
-from companion.core.perception.obstacle_perception import SensingPerception, build_perception
+from companion.core.perception.obstacle_perception import SensingPerception
 from companion.core.perception.own_motion import FADES_S, OwnMotion
 from companion.core.perception.scan_odometry import FRESH_S, ScanOdometry
 from mission.common.frames import Vec3
@@ -336,16 +335,14 @@ class Leading(Reckoning):
 
     def __init__(self, stems: list[Stem]) -> None:
         super().__init__(stems)
-        flown = ranging_mission(sensing={"sensor": "scan-0.5deg", "vehicle_radius_m": 0.35})
-        perception = build_perception(flown, 1)
+        self.agent = Agent(ranging_mission(sensing={"sensor": "scan-0.5deg", "vehicle_radius_m": 0.35}), 1)
+        perception = self.agent.perception
         assert isinstance(perception, SensingPerception)
         self.motion = perception.motion
-        self.localiser = build_localiser(flown, 1)
-        self.own_position = OwnPosition(self.localiser, perception)
 
     def receive(self) -> Position:
-        self.localiser.receive_satellites(Satellites(used=True, sd_m=0.9), self.now_s)
-        return self.own_position.receive(self.reported, self.now_s, airborne=True, commanded_ned_mps=ZERO)
+        self.agent.localiser.receive_satellites(Satellites(used=True, sd_m=0.9), self.now_s)
+        return self.agent.own_position.receive(self.reported, self.now_s, airborne=True, commanded_ned_mps=ZERO)
 
 
 def test_a_leader_by_which_others_know_where_they_are_does_not_follow_a_fix_that_wanders() -> None:
