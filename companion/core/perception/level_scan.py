@@ -65,7 +65,10 @@ class LevelScan:
         return (len(self.ranges_m) + 0.5) * self.step_rad >= math.tau
 
     def sees_beyond(self, north_m: float, east_m: float, by_m: float) -> bool:
-        """True if the rays towards a place, and beside it, went on by so much: nothing was there. One may be missed."""
+        """True if the rays towards a place, and beside it, all went on by so much: nothing was there.
+
+        One that is not measured may have met the foot of a trunk, below the vehicle's height.
+        """
         count = len(self.ranges_m)
         if not self.is_whole:
             return False
@@ -73,14 +76,12 @@ class LevelScan:
         around = math.remainder(self.bearings_rad[count // 4] - self.bearings_rad[0], math.tau)
         turned_rad = math.atan2(e, n) - self.bearings_rad[0]
         first = math.floor((turned_rad if around > 0.0 else -turned_rad) / self.step_rad + 0.5)
-        passed = 0
         for k in (first - 1, first, first + 1):
             at = k % count
             n, e = north_m - self.eyes_north_m[at], east_m - self.eyes_east_m[at]
-            if self.ranges_m[at] <= math.sqrt(n * n + e * e) + by_m:
+            if not self.ranges_m[at] > math.sqrt(n * n + e * e) + by_m:
                 return False
-            passed += self.ranges_m[at] == self.ranges_m[at]
-        return passed >= 2
+        return True
 
 
 @final

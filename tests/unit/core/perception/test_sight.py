@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import pytest
+
 from companion.core.guidance.course_planner import HOLD_S, CoursePlanner
 from companion.core.model.events import Position
 from companion.core.perception.level_scan import LevelScan, level_scan_of
@@ -45,6 +47,19 @@ def test_a_way_is_looked_at_in_all_of_its_width() -> None:
     assert seen.is_free(6.0, 0.6)
     assert not seen.is_way_free((0.0, 0.0), (1.0, 0.0), 3.9)
     assert sight(level_scan([(1.7, -2.0, 0.05)])).is_way_free((0.0, 0.0), (1.0, 0.0), 6.0)
+
+
+@pytest.mark.parametrize("first_deg", range(-4, 4))
+def test_a_trunk_of_which_two_rays_met_the_foot_stands_in_the_way_wherever_it_is_between_two_looks(
+    first_deg: int,
+) -> None:
+    """A vehicle that leaned ahead saw those beside it go on, and met it at 1.5 m/s (search, seed 32030 anew)."""
+    scan = level_scan([])
+    for deg in (first_deg, first_deg + 1):
+        scan.ranges_m[deg % 360] = math.nan  # 2 m below the vehicle: not at its height
+    assert not sight(scan).is_way_free((0.0, 0.0), (1.0, 0.0), 6.5)
+    scan.ranges_m[:] = [math.inf] * 360
+    assert sight(scan).is_way_free((0.0, 0.0), (1.0, 0.0), 6.5)
 
 
 def test_what_was_out_of_range_then_was_not_seen() -> None:
