@@ -107,27 +107,27 @@ def test_columns_are_laid_evenly_on_the_ring_and_bounded() -> None:
 def test_a_lidar_that_comes_nearer_sees_columns_free_from_beside_and_never_its_own() -> None:
     """The layers of a Mid-360, -7 to 52 degrees: the top is seen from far off, and from its foot nothing is."""
     seen = laid()
-    for k in range(60):
-        see_from(seen, (10.0 + 0.45 * k, 0.0, -4.0), 0.3 * k, max_m=40.0)
+    for k in range(30):
+        see_from(seen, (10.0 + 0.9 * k, 0.0, -4.0), 0.6 * k, max_m=40.0)
     free = seen.find_free((38.0, 0.0, -4.0), 20.0, within_m=3.0)
     assert (round(free[0].north_m), round(free[0].east_m)) == (38, 0)
     below = laid()
-    for k in range(60):
-        see_from(below, (38.0, 0.0, -4.0), 0.3 * k, max_m=40.0)
+    for k in range(12):
+        see_from(below, (38.0, 0.0, -4.0), 1.5 * k, max_m=40.0)
     assert below.find_free((38.0, 0.0, -4.0), 20.0, within_m=1.0) == []
 
 
 def test_a_lidar_that_hangs_sees_none() -> None:
     seen = laid()
-    for k in range(60):
-        see_from(seen, (10.0 + 0.45 * k, 0.0, -4.0), 0.3 * k, max_m=40.0, side=-1.0)
+    for k in range(30):
+        see_from(seen, (10.0 + 0.9 * k, 0.0, -4.0), 0.6 * k, max_m=40.0, side=-1.0)
     assert seen.find_free((38.0, 0.0, -4.0), 20.0, within_m=100.0) == []
 
 
 def test_a_sensor_that_reaches_less_far_sees_no_top() -> None:
     seen = laid()
-    for k in range(60):
-        see_from(seen, (10.0 + 0.45 * k, 0.0, -4.0), 0.3 * k, max_m=15.0)
+    for k in range(30):
+        see_from(seen, (10.0 + 0.9 * k, 0.0, -4.0), 0.6 * k, max_m=15.0)
     assert seen.find_free((38.0, 0.0, -4.0), 20.0, within_m=3.0) == []
 
 
