@@ -94,14 +94,13 @@ class Localiser(ABC):
     def offset_ned_m(self) -> Vec3:
         """The own position in the mission's frame less the reported one, as of the last `update_destination`."""
 
-    @abstractmethod
-    def receive_position(
-        self, position: Position, reported: Position, now_s: float, *, airborne: bool, is_corrected: bool
-    ) -> Position:
-        """Take in the autopilot's position and velocity; returns the position that the flight goes by.
+    def split_jumps(self, reported: Position, now_s: float, *, airborne: bool) -> Position:  # noqa: ARG002
+        """The reported position without what fixes make it jump, before what is seen corrects it."""
+        return reported
 
-        `position`: as what is seen corrects the `reported` one; `is_corrected`: it does so now.
-        """
+    @abstractmethod
+    def receive_position(self, position: Position, now_s: float, *, airborne: bool) -> Position:
+        """Take in the autopilot's position and velocity; returns the position that the flight goes by."""
 
     @abstractmethod
     def receive_satellites(self, event: Satellites, now_s: float) -> None:

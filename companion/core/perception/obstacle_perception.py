@@ -121,11 +121,6 @@ class ObstaclePerception(ABC):
         """The own motion is corrected by trunks in sight."""
         return False
 
-    @property
-    def corrects_odometry(self) -> bool:
-        """Positions that the flight goes by are corrected by what is seen: they follow no fix that jumps."""
-        return False
-
     def find_solitary_trunks(self, flown: Position, now_s: float) -> SolitaryTrunks | None:  # noqa: ARG002
         """Trunks that may be told, about a vehicle that flies by this position; None: nothing seen tells its motion."""
         return None
@@ -295,11 +290,6 @@ class SensingPerception(ObstaclePerception):
             level, yaw_rad, placed, neighbours, now_s, unheard=unheard, hovering=hovering
         )
         self._hulls.end_turn(stems, now_s)
-
-    @property
-    def corrects_odometry(self) -> bool:
-        """By the own motion."""
-        return self.motion.velocity_bias_ne_mps is not None
 
     @property
     def sees_motion(self) -> bool:

@@ -100,7 +100,9 @@ class DisturbanceEstimator:
         self._shaping = shaping
         self._models = [model for model in self._models if model.shaping is None]
         if shaping is not None:
-            self._models.append(_Model(round(shaping.dead_s / STEP_S), shaping))
+            shaped = _Model(round(shaping.dead_s / STEP_S), shaping)
+            shaped.misses2 = min(model.misses2 for model in self._models)  # it has shown nothing yet
+            self._models.append(shaped)
         self._best = self._models[0]
         self._begins = True
 

@@ -1,7 +1,7 @@
 """The position of a vehicle with a receiver in the mission's frame, and its uncertainty; of swarms by ranges.
 
-An autopilot that has a GNSS fix again jumps to where they have it, by as much as its odometry had drifted, and a fix
-wanders by a metre within seconds, which trunks take off where they are seen (`own_motion`). Whatever
+An autopilot that has a GNSS fix again jumps to where they have it, by as much as its odometry had drifted; and a fix
+wanders by a metre within seconds, which trunks take off the odometer where they are seen (`own_motion`). Whatever
 here flies by differences of positions must not see that: obstacles, ranges, the way to d2. So the told position is cut
 into an odometer, which never jumps, and an offset to the mission's frame, which follows the fixes as much as they are
 worth against odometry: a scalar Kalman filter. Who leads takes the offset over little by little (`Guidance.locate`).
@@ -90,10 +90,11 @@ class GlobalLocalisation:
         "_other_since_s",
         "_own",
         "_pos_ned_m",
-        "_position",
         "_read_s",
         "_receives",
         "_said",
+        "_since_s",
+        "_told",
         "_told_off_ne_m",
         "_trunks_s",
         "_velocity_way",
@@ -109,11 +110,11 @@ class GlobalLocalisation:
         self._other_since_s: float | None = None  # since when it has been heard worse, or better
         self._better_s = BETTER_S
         self._flown = False
-        self._position: Position | None = None
-        self._read_s = 0.0
-        self._pos_ned_m: Vec3 = (0.0, 0.0, 0.0)  # of the odometer
-        self._jumped_ne_m = (0.0, 0.0)  # of the position, taken off the odometer
-        self._told_off_ne_m = (0.0, 0.0)  # told position less odometer
+        self._told: Position | None = None
+        self._read_s = self._since_s = 0.0
+        self._pos_ned_m: Vec3 = (0.0, 0.0, 0.0)  # of the odometer, as what is seen corrects it
+        self._jumped_ne_m = (0.0, 0.0)  # of the told position, taken off the odometer
+        self._told_off_ne_m = (0.0, 0.0)  # told position less the corrected odometer
         self._off_ne_m = (0.0, 0.0)  # mission's position less odometer
         self._own = DeadReckoningUncertainty(START_SD_M)  # of that
         self._way = DeadReckoningUncertainty(START_SD_M)  # of the way to d2
@@ -132,28 +133,29 @@ class GlobalLocalisation:
         """The own scans correct the odometer now."""
         self._trunks_s = now_s
 
-    def split_position(
-        self, position: Position, told: Position, now_s: float, *, airborne: bool, is_corrected: bool
-    ) -> Position:
-        """A told position; the same by the odometer. Heights stay as told.
-
-        `position`: the told one as what is seen corrects it; `is_corrected`: it does so now, and nothing jumps.
-        """
-        before, self._position = self._position, position
-        since_s = _since_s(before, position, now_s - self._read_s)
+    def split_position(self, told: Position, now_s: float, *, airborne: bool) -> Position:
+        """A told position; the same by the odometer. Heights stay as told. `note_flown` is next."""
+        before, self._told = self._told, told
+        self._since_s = _since_s(before, told, now_s - self._read_s)
         self._read_s = now_s
         self._flown |= airborne
-        errors = BY_TRUNKS if now_s - self._trunks_s <= TRUNKS_S else BELIEVED
         if not self._receives:
-            self._pos_ned_m = position.pos_ned_m
-            self._way.add_bias_walk(since_s, errors)
-            return position
-        if before is not None and self._flown and not is_corrected:
-            self._split_jump(before, position, since_s, now_s)
-        north, east, down = position.pos_ned_m
+            return told
+        if before is not None and self._flown:
+            self._split_jump(before, told, self._since_s, now_s)
+        north, east, down = told.pos_ned_m
         pos = (north - self._jumped_ne_m[0], east - self._jumped_ne_m[1], down)
-        self._told_off_ne_m = (told.pos_ned_m[0] - pos[0], told.pos_ned_m[1] - pos[1])
+        return Position(pos, told.vel_ned_mps, told.boot_s)
+
+    def note_flown(self, flown: Position, now_s: float) -> None:
+        """The odometer's position as what is seen corrects it: that is flown by, and satellites say where it is."""
+        told, since_s, pos = self._told, self._since_s, flown.pos_ned_m
+        errors = BY_TRUNKS if now_s - self._trunks_s <= TRUNKS_S else BELIEVED
         self._pos_ned_m = pos
+        if told is None or not self._receives:
+            self._way.add_bias_walk(since_s, errors)
+            return
+        self._told_off_ne_m = (told.pos_ned_m[0] - pos[0], told.pos_ned_m[1] - pos[1])
         self._own.add_bias_walk(since_s, errors)
         self._way.add_bias_walk(since_s, errors)
         if self.is_used(now_s):
@@ -161,14 +163,13 @@ class GlobalLocalisation:
             self._hold_fix(told, now_s)
         else:
             self._monitor.forget()
-        return Position(pos, position.vel_ned_mps, position.boot_s)
 
-    def _split_jump(self, before: Position, position: Position, since_s: float, now_s: float) -> None:
+    def _split_jump(self, before: Position, told: Position, since_s: float, now_s: float) -> None:
         """The odometer, where fixes are good, goes as the position does, unless they pull it; else as the velocity."""
-        by_n = 0.5 * (before.vel_ned_mps[0] + position.vel_ned_mps[0]) * since_s
-        by_e = 0.5 * (before.vel_ned_mps[1] + position.vel_ned_mps[1]) * since_s
-        more_n = position.pos_ned_m[0] - before.pos_ned_m[0] - by_n
-        more_e = position.pos_ned_m[1] - before.pos_ned_m[1] - by_e
+        by_n = 0.5 * (before.vel_ned_mps[0] + told.vel_ned_mps[0]) * since_s
+        by_e = 0.5 * (before.vel_ned_mps[1] + told.vel_ned_mps[1]) * since_s
+        more_n = told.pos_ned_m[0] - before.pos_ned_m[0] - by_n
+        more_e = told.pos_ned_m[1] - before.pos_ned_m[1] - by_e
         most_m = PULLED_M + (PULLED_MPS + ACCELERATION_MPS2 * since_s) * since_s
         if math.hypot(more_n, more_e) > most_m or self._reception_now(now_s) is not Reception.GOOD:
             self._jumped_ne_m = (self._jumped_ne_m[0] + more_n, self._jumped_ne_m[1] + more_e)

@@ -21,7 +21,7 @@ from companion.core.model.actions import Say, SendBeacon
 from companion.core.model.beacon import Beacon, PeerReport, RelativeReport, TrunkReport
 from companion.core.model.events import HeardBeacon, Position, Ranges, Satellites
 from companion.core.model.neighbour import Neighbour, find_hover_places
-from companion.core.model.states import FlightState, LandedState, Reception, Role, Severity
+from companion.core.model.states import FlightState, LandedState, Role, Severity
 from companion.core.model.vectors import ZERO, add, limit, scale, sub, turned_level
 from companion.core.perception.landmarks.solitary_trunks import SolitaryTrunks
 from companion.core.vehicle.failsafe import Cause
@@ -72,11 +72,6 @@ class GnssDeniedLocaliser(Localiser):
         return self.ranging.is_doubtful
 
     @property
-    def is_fix_lost(self) -> bool:
-        """Of a vehicle with a receiver: it has had none for seconds, and what it reports drifts faster."""
-        return self._receives and self.reception is Reception.NONE
-
-    @property
     def velocity_bias_ned_mps(self) -> Vec3:
         """As the relative filter has it."""
         return self.ranging.drift_ned_mps
@@ -88,14 +83,14 @@ class GnssDeniedLocaliser(Localiser):
 
     # --- what comes in ---
 
-    def receive_position(
-        self, position: Position, reported: Position, now_s: float, *, airborne: bool, is_corrected: bool
-    ) -> Position:
-        """By the odometer, which never jumps."""
+    def split_jumps(self, reported: Position, now_s: float, *, airborne: bool) -> Position:
+        """The odometer, which never jumps."""
+        return self.global_localisation.split_position(reported, now_s, airborne=airborne)
+
+    def receive_position(self, position: Position, now_s: float, *, airborne: bool) -> Position:  # noqa: ARG002
+        """By the odometer, as what is seen corrects it."""
         was_astray = self.global_localisation.is_astray
-        position = self.global_localisation.split_position(
-            position, reported, now_s, airborne=airborne, is_corrected=is_corrected
-        )
+        self.global_localisation.note_flown(position, now_s)
         if self.global_localisation.is_astray and not was_astray:
             self.said.append(Say(Severity.CRITICAL, ASTRAY))
         self.ranging.update_odometry(position, now_s)

@@ -95,7 +95,8 @@ class OwnPosition:
         astray = self._astray
         goes_on = airborne and self._holds_fixes and self._way.update(gated, now_s)
         reported = gated if astray is None else astray.correct(gated, now_s, self._way.ne_m)
-        seen = self._perception.correct_odometry(reported, now_s, reckons=is_lost or astray is not None)
+        smooth = localiser.split_jumps(reported, now_s, airborne=airborne)
+        seen = self._perception.correct_odometry(smooth, now_s, reckons=is_lost or astray is not None)
         displaced = localiser.displaced
         if displaced is not None and displaced is not self._ranged and airborne and not is_lost:
             self._take_ranged(displaced, gated, seen, now_s)
@@ -105,8 +106,7 @@ class OwnPosition:
             self._hold_fix(gated, now_s, goes_on=goes_on)
         is_true = self._astray is None and gated is told
         self.off_ned_m = ZERO if is_true else sub(seen.pos_ned_m, told.pos_ned_m)
-        is_corrected = self._perception.corrects_odometry
-        flown = localiser.receive_position(seen, reported, now_s, airborne=airborne, is_corrected=is_corrected)
+        flown = localiser.receive_position(seen, now_s, airborne=airborne)
         if airborne and localiser.is_due_for_trunks(now_s):
             trunks = self._perception.find_solitary_trunks(seen, now_s)
             if trunks is not None:

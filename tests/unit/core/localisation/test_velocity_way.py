@@ -153,7 +153,7 @@ def test_the_one_with_satellites_believes_its_fixes_by_velocities_that_err_as_re
         off, wrong = noise.pos_ned_m, noise.velocity_ned_mps
         told = Position((off[0], EAST_MPS * now_s + off[1], -8.0), (wrong[0], EAST_MPS + wrong[1], 0.0), now_s)
         known.receive_satellites(Satellites(used=True, sd_m=0.9), now_s)
-        known.split_position(told, told, now_s, airborne=True, is_corrected=False)
+        known.note_flown(known.split_position(told, now_s, airborne=True), now_s)
     assert not known.is_astray
 
 
@@ -166,7 +166,7 @@ def test_a_fix_that_is_led_away_is_not_learnt_as_an_error_of_the_velocity(quiet_
         led_m += 0.3 * DT_S * (now_s > quiet_s)
         told = Position((led_m, EAST_MPS * now_s, -8.0), (0.0, EAST_MPS, 0.0), now_s)
         known.receive_satellites(Satellites(used=True, sd_m=0.9), now_s)
-        known.split_position(told, told, now_s, airborne=True, is_corrected=False)
+        known.note_flown(known.split_position(told, now_s, airborne=True), now_s)
     assert 1.0 < led_m < most_m
 
 
@@ -178,6 +178,10 @@ def test_after_a_gap_the_one_with_satellites_holds_its_fixes_against_a_new_way()
         if 60.0 < now_s < 64.0:
             continue
         known.receive_satellites(Satellites(used=True, sd_m=0.9), now_s)
-        told = Position((0.0, EAST_MPS * now_s, -8.0), (0.0, EAST_MPS, 0.0), now_s)
-        known.split_position(told, told, now_s, airborne=True, is_corrected=False)
+        known.note_flown(
+            known.split_position(
+                Position((0.0, EAST_MPS * now_s, -8.0), (0.0, EAST_MPS, 0.0), now_s), now_s, airborne=True
+            ),
+            now_s,
+        )
     assert not known.is_astray

@@ -8,16 +8,12 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from companion.core.agent import Agent
-from companion.core.model.events import Position, Satellites
-from companion.core.model.vectors import ZERO
+from companion.core.model.events import Position
 from companion.core.perception.landmarks.trunk_tracks import TRACKS_MAX
-from companion.core.perception.obstacle_perception import SensingPerception
 from companion.core.perception.own_motion import FADES_S, OwnMotion
 from companion.core.perception.scan_odometry import FRESH_S, ScanOdometry
 from mission.common.frames import Vec3
 from tests.unit.core.perception.scan_kit import FINE, SECTORS, Stem, level_scan
-from tests.unit.core.ranging_kit import ranging_mission
 
 STEP_S = 0.1
 Course = Callable[[float], tuple[float, float]]
@@ -328,33 +324,6 @@ def test_without_its_fix_a_vehicle_goes_by_trunks_from_the_last_good_position_on
     assert math.dist(flight.motion.correct_place(placed)[:2], meant_m) < 0.35  # scans are placed alike
     bias = flight.motion.velocity_bias((0.0, 0.0, 0.0))
     assert bias[:2] == pytest.approx((-flight.off_mps[0], -flight.off_mps[1]), abs=0.15)
-
-
-class Leading(Reckoning):
-    """The leader of a swarm by ranges: what its flight goes by, as the agent asks for it."""
-
-    def __init__(self, stems: list[Stem]) -> None:
-        super().__init__(stems)
-        self.agent = Agent(ranging_mission(sensing={"sensor": "scan-0.5deg", "vehicle_radius_m": 0.35}), 1)
-        perception = self.agent.perception
-        assert isinstance(perception, SensingPerception)
-        self.motion = perception.motion
-
-    def receive(self) -> Position:
-        self.agent.localiser.receive_satellites(Satellites(used=True, sd_m=0.9), self.now_s)
-        return self.agent.own_position.receive(self.reported, self.now_s, airborne=True, commanded_ned_mps=ZERO)
-
-
-def test_a_leader_by_which_others_know_where_they_are_does_not_follow_a_fix_that_wanders() -> None:
-    """Recorded ones wandered by 1.2 m in 2 s, and the way to d2 with them."""
-    flight = Leading(stand())
-    fly(flight, 4.0)
-    for k, _ in enumerate(flight.run(4.0)):
-        flight.off_m, flight.off_mps = (0.03 * k, 0.0), (0.3, 0.0)
-    assert flight.off_m[0] > 1.0
-    assert math.dist(flight.placed.pos_ned_m[:2], flight.true_m) < 0.2
-    assert flight.motion.correct_place(flight.placed.pos_ned_m) == flight.placed.pos_ned_m  # scans are placed alike
-    assert flight.placed.vel_ned_mps[0] == pytest.approx(flight.speed_mps, abs=0.1)
 
 
 def test_with_the_fix_back_it_goes_by_what_is_reported() -> None:
