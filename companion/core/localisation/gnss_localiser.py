@@ -63,7 +63,7 @@ class GnssLocaliser(Localiser):
         """None: the reported position is the mission's."""
         return ZERO
 
-    def receive_position(self, position: Position, now_s: float, *, airborne: bool) -> Position:  # noqa: ARG002
+    def receive_position(self, position: Position, now_s: float) -> Position:
         """Observes the velocity's bias, by the autopilot's own time: what comes in a burst was not measured in one."""
         measured_s = now_s if position.boot_s is None else position.boot_s
         self._bias.update(position.pos_ned_m, position.vel_ned_mps, measured_s)

@@ -99,7 +99,7 @@ class Localiser(ABC):
         return reported
 
     @abstractmethod
-    def receive_position(self, position: Position, now_s: float, *, airborne: bool) -> Position:
+    def receive_position(self, position: Position, now_s: float) -> Position:
         """Take in the autopilot's position and velocity; returns the position that the flight goes by."""
 
     @abstractmethod

@@ -87,7 +87,7 @@ class GnssDeniedLocaliser(Localiser):
         """The odometer, which never jumps."""
         return self.global_localisation.split_position(reported, now_s, airborne=airborne)
 
-    def receive_position(self, position: Position, now_s: float, *, airborne: bool) -> Position:  # noqa: ARG002
+    def receive_position(self, position: Position, now_s: float) -> Position:
         """By the odometer, as what is seen corrects it."""
         was_astray = self.global_localisation.is_astray
         self.global_localisation.note_flown(position, now_s)

@@ -106,7 +106,7 @@ class OwnPosition:
             self._hold_fix(gated, now_s, goes_on=goes_on)
         is_true = self._astray is None and gated is told
         self.off_ned_m = ZERO if is_true else sub(seen.pos_ned_m, told.pos_ned_m)
-        flown = localiser.receive_position(seen, now_s, airborne=airborne)
+        flown = localiser.receive_position(seen, now_s)
         if airborne and localiser.is_due_for_trunks(now_s):
             trunks = self._perception.find_solitary_trunks(seen, now_s)
             if trunks is not None:

@@ -32,7 +32,7 @@ class Hovering:
         self.localiser = GnssDeniedLocaliser(ranging_mission(), me)
         self.now_s, self.ticks = 0.0, 0
         self.own: Vec3 = TOLD[me]
-        self.localiser.receive_position(Position(self.own, (0.0, 0.0, 0.0), 0.0), 0.0, airborne=self.now_s > 0.0)
+        self.localiser.receive_position(Position(self.own, (0.0, 0.0, 0.0), 0.0), 0.0)
         self.localiser.update_landed_state(LandedState.ON_GROUND, waits=True)
 
     def way(self) -> tuple[Vec3, Vec3]:
@@ -56,7 +56,7 @@ class Hovering:
                 self.hear()
                 ranges = tuple((k, math.dist(here, place), 0.0) for k, place in self.true.items() if k != self.me)
                 self.localiser.receive_ranging(Ranges(ranges), self.now_s)
-            self.localiser.receive_position(Position(self.own, vel, self.now_s), self.now_s, airborne=self.now_s > 0.0)
+            self.localiser.receive_position(Position(self.own, vel, self.now_s), self.now_s)
             self.localiser.update_peers(self.own, self.now_s, range_m=30.0, launched=True)
             said += [say.text for say in self.localiser.said]
             self.localiser.said.clear()

@@ -76,6 +76,19 @@ def test_dead_time_is_known_in_spite_of_velocities_that_are_told_wrong(dead: int
     assert sum(knows[100:]) >= 0.98 * len(knows[100:])
 
 
+def test_a_make_that_is_known_late_does_not_count_before_it_explains_the_flight() -> None:
+    """It had explained nothing yet, and so seemed to explain all of a flight whose velocities are told wrong."""
+    rng, gusts = random.Random(1), DisturbanceEstimator()
+
+    def wrong(_: float) -> Level:
+        return (rng.gauss(0.0, 0.2), rng.gauss(0.0, 0.2))
+
+    fly(gusts, weave, wrong, dead=5, s=30.0)
+    gusts.adopt_shaping(VelocityShaping(dead_s=0.15, acceleration_mps2=2.5, jerk_mps3=7.0, lag_s=0.25))
+    fly(gusts, weave, wrong, dead=5, s=5.0)
+    assert gusts.dead_s == DEAD_S
+
+
 @pytest.mark.parametrize("dead", [0, 3, 5])
 def test_steady_push_is_found_within_half_a_second(dead: int) -> None:
     gusts = DisturbanceEstimator()
