@@ -121,7 +121,7 @@ class Agent:
             return BeaconFate.UNPLACED if own is None else BeaconFate.NO_MEMBER
         heard = self.own_position.locate_sender(heard)
         said = self.swarm.sanitise_beacon(heard.said, now_s)
-        heard = heard if said is heard.said else HeardBeacon(said, heard.rel_ned_m)
+        heard = heard if said is heard.said else HeardBeacon(said, heard.rel_ned_m, is_vouched=heard.is_vouched)
         if not self.localiser.receive_beacon(heard, own.pos_ned_m, now_s):
             return BeaconFate.NO_NEWS
         self.swarm.receive_beacon(said, now_s)

@@ -15,8 +15,9 @@ from companion.mavlink.framing.outbox import Outbox
 from companion.mavlink.sensor_inputs import SHARED
 from mission.common.frames import Vec3
 
-VERSION: Final = 2  # of the format
-UNCHAINED_HEAD: Final = 1  # the format before, whose chain begins behind the files' header
+VERSION: Final = 3  # of the format
+WORD_ALONE: Final = 2  # the format before, which does not tell whether a sender vouches for where it is
+UNCHAINED_HEAD: Final = 1  # and the one before that, whose chain begins behind the files' header
 ARRIVED: Final = Struct("<d")  # before the bytes of a datagram: when it came or went, on the companion's clock, s
 CHAIN_BYTES: Final = 32  # SHA-256
 DATAGRAM: Final = "x-understory-datagram"

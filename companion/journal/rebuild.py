@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import ValidationError
 
-from companion.journal.channels import UNCHAINED_HEAD, VERSION, Json
+from companion.journal.channels import UNCHAINED_HEAD, VERSION, WORD_ALONE, Json
 from companion.journal.tape.played import PlayedGate, PlayedGuard, PlayedLink, PlayedMarks
 from companion.journal.tape.tape import PlayedTape
 from companion.mavlink.endpoint import Endpoint
@@ -25,8 +25,9 @@ class RebuildError(Exception):
 def rebuild_endpoint(start: Json, tape: PlayedTape) -> Endpoint:
     """As it began. RebuildError; ModuleNotFoundError: a survey needs numpy."""
     try:
-        if start["format"] not in (UNCHAINED_HEAD, VERSION):
-            raise RebuildError(f"format {start['format']}: this program reads {UNCHAINED_HEAD} and {VERSION}")
+        if start["format"] not in (UNCHAINED_HEAD, WORD_ALONE, VERSION):
+            raise RebuildError(f"format {start['format']}: this program reads {UNCHAINED_HEAD} to {VERSION}")
+        tells_vouched = start["format"] == VERSION
         if start["flown_by"]:
             raise RebuildError(f"it was flown by {start['flown_by']}, which the log does not hold")
         vehicle_id = int(start["vehicle"])
@@ -39,7 +40,9 @@ def rebuild_endpoint(start: Json, tape: PlayedTape) -> Endpoint:
             sensors=[kind_of(str(name)).of(mission) for name in start["sensors"]],
             autopilot_is_stream=bool(start["autopilot_is_stream"]),
             sensor_streams={str(name): bool(is_stream) for name, is_stream in start["sensor_streams"].items()},
-            guard=None if start["guard_flags"] is None else PlayedGuard(tape, int(start["guard_flags"])),
+            guard=None
+            if start["guard_flags"] is None
+            else PlayedGuard(tape, int(start["guard_flags"]), tells_vouched=tells_vouched),
             orders=None if start["orders"] is None else rebuild_book(start["orders"], vehicle_id, tape),
             autopilot_gate=PlayedGate(tape) if start["autopilot_signed"] else None,
             survey=survey,

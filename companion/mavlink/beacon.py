@@ -93,6 +93,7 @@ class Decoded(NamedTuple):
     version: int
     said: Beacon | None  # None: a field is outside its bounds, as another version is
     pos_ned_m: Vec3  # the sender's, in the mission's frame
+    is_vouched: bool = True  # False: its sender does not vouch for what it sends
 
 
 REFUSED: Final = Decoded(0, None, (0.0, 0.0, 0.0))  # in the place of a beacon that did not pass

@@ -321,7 +321,7 @@ class Codec:
         if decoded.said is None or not _is_within(rel_ned_m, FURTHEST_M):
             self.dropped += 1
             return None
-        return HeardBeacon(decoded.said, rel_ned_m)
+        return HeardBeacon(decoded.said, rel_ned_m, is_vouched=decoded.is_vouched)
 
 
 def _is_within(v: Vec3, most: float) -> bool:

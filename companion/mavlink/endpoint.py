@@ -296,6 +296,8 @@ class Endpoint:
         sent = len(out.peers) + sum(map(len, aside))
         out.records = [*self.peers.send_orders(now_s), *aside, *self.peers.send_records(now_s, sent)]
         self._to_say += self.peers.take_says()
+        for liar in self.peers.guard.take_liars():
+            self.agent.swarm.block(liar, "vouches for what it denies to others")
         return out
 
     def _take_scans(self, now_s: float) -> None:

@@ -11,8 +11,9 @@ from collections import deque
 from typing import Final, final
 
 from companion.core.model.beacon import Beacon
+from companion.mavlink.peers.belief import without_word
 from companion.mavlink.peers.frame_mac import epoch_of, is_signed, mac_holds
-from companion.mavlink.peers.guard import ALIVE_S, CHECKS_MAX, CHECKS_S, without_word
+from companion.mavlink.peers.guard import ALIVE_S, CHECKS_MAX, CHECKS_S
 from companion.mavlink.peers.manifest import Manifest, read_manifest
 from companion.mavlink.peers.session import Session
 from companion.mavlink.peers.stream import Stream

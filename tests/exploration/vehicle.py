@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
-from companion.core.localisation.peer_table import PeerContact, PeerContacts
 from companion.core.model.beacon import Beacon, Lease
 from companion.core.model.events import Position
 from companion.core.model.neighbour import Neighbour
+from companion.core.model.peer_contacts import PeerContact, PeerContacts
 from companion.core.model.states import STEERED, FlightState, Order, Reception, Role, SwarmPhase
 from companion.core.model.vectors import ZERO
 from companion.core.swarm.election import ECHO_PERIODS

@@ -5,21 +5,26 @@ A vehicle that falls silent in the air stays there: its autopilot holds by its o
 is heard again, here or by a majority of the others. A vehicle that notices tells the others (`sighting` in the beacon,
 one place at a time, in turn); one that hears it after all answers, and one that was wrong takes its word back: what
 that ends, `peer_reports` says.
+
+Beacons for which their sender does not vouch say where somebody may be, and free nothing: a vehicle may still hover
+where it was when it last did.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Final
 
 from companion.core.localisation.link_share import LinkShare
 from companion.core.localisation.peer_reports import PASSED_ON_MAX, PLACES_MAX, SAME_PLACE_M, TAKEN_BACK, PeerReports
 from companion.core.localisation.predicted_corridors import FROM_S, UNTIL_S, PredictedCorridor, lane
-from companion.core.model.beacon import Beacon, PeerReport
+from companion.core.model.beacon import PeerReport
 from companion.core.model.events import HeardBeacon
 from companion.core.model.neighbour import Neighbour
-from companion.core.model.states import CLIMBING, DESCENDING, FlightState, SwarmPhase
+from companion.core.model.peer_contacts import PeerContact, PeerContacts
+from companion.core.model.states import CLIMBING, DESCENDING
 from companion.core.model.vectors import ZERO, add, limit, norm, scale, sub
 from companion.core.model.velocity_bias import VelocityBias
 from mission.common.frames import Vec3
@@ -40,87 +45,8 @@ REST_BY_S: Final = 20.0
 ACCELERATION_MAX_MPS2: Final = 4.0  # of which anything is believed
 ACCELERATION_S: Final = 0.3  # over which it is smoothed
 TELL_AFTER_S: Final = 1.5  # of silence: by then the vehicle hangs still, and a burst of losses is over
-READY_COUNTS_S: Final = 5.0  # how long one that was ready counts as about to take off: a beacon or two may be lost
 CLAIM_COUNTS_S: Final = 2.0  # how long a neighbour's word that a vehicle is silent is answered
 RANGE_SLACK: Final = 1.2  # of the range: one that claims to be farther off than that takes no part in movement
-
-
-@dataclass(slots=True, init=False, unsafe_hash=True)
-class PeerContact:
-    """The last beacon of a vehicle, and what it meant when it came."""
-
-    beacon: Final[Beacon]
-    rel_ned_m: Final[Vec3]
-    at_s: Final[float]  # when it arrived
-    told_s: Final[float]  # of what time it tells, by the local clock
-    own_pos_ned_m: Final[Vec3]  # odometry reading then: only ever differenced
-    vel_ned_mps: Final[Vec3]
-    acc_ned_mps2: Final[Vec3]  # by its last velocities, smoothed
-    share: Final[float]  # of its beacons that arrives, 0..1
-    stale_s: Final[float]  # for how long it counts as heard
-
-    def __init__(
-        self,
-        beacon: Beacon,
-        rel_ned_m: Vec3,
-        at_s: float,
-        told_s: float,
-        own_pos_ned_m: Vec3,
-        vel_ned_mps: Vec3,
-        acc_ned_mps2: Vec3,
-        *,
-        share: float,
-        stale_s: float,
-    ) -> None:
-        self.beacon = beacon
-        self.rel_ned_m = rel_ned_m
-        self.at_s = at_s
-        self.told_s = told_s
-        self.own_pos_ned_m = own_pos_ned_m
-        self.vel_ned_mps = vel_ned_mps
-        self.acc_ned_mps2 = acc_ned_mps2
-        self.share = share
-        self.stale_s = stale_s
-
-
-@dataclass(slots=True, init=False, unsafe_hash=True)
-class PeerContacts:
-    """The last contact with each vehicle that was ever heard, by ascending id."""
-
-    all: Final[tuple[PeerContact, ...]]
-
-    def __init__(self, all: tuple[PeerContact, ...] = ()) -> None:
-        self.all = all
-
-    def beacons(self, now_s: float, *, within_s: float) -> list[Beacon]:
-        """The last of each sender heard within that time, by ascending id."""
-        return [heard.beacon for heard in self.all if now_s - heard.at_s <= within_s]
-
-    def heard_last(self, among: int) -> Vec3 | None:
-        """Last position of the one of `among` (bit k-1: vehicle k) that was heard last, in own odometry; or None."""
-        last: PeerContact | None = None
-        for heard in self.all:
-            if among >> (heard.beacon.sender - 1) & 1 and (last is None or heard.at_s > last.at_s):
-                last = heard
-        return None if last is None else add(last.own_pos_ned_m, last.rel_ned_m)
-
-    def grounded(self) -> int:
-        """Bit k-1: vehicle k was last heard on the ground, after its flight or when the swarm had left without it."""
-        bits = 0
-        for heard in self.all:
-            beacon = heard.beacon
-            stays = beacon.state is FlightState.LANDED or beacon.phase >= SwarmPhase.TRANSIT
-            if not beacon.airborne and stays:
-                bits |= 1 << (heard.beacon.sender - 1)
-        return bits
-
-    def ready(self, now_s: float) -> int:
-        """Bit k-1: vehicle k was about to take off, or in the air, when it was last heard, not long ago."""
-        bits = 0
-        for heard in self.all:
-            if now_s - heard.at_s <= READY_COUNTS_S and (heard.beacon.airborne or heard.beacon.state in CLIMBING):
-                bits |= 1 << (heard.beacon.sender - 1)
-        return bits
 
 
 class PeerTable:
@@ -128,6 +54,7 @@ class PeerTable:
 
     __slots__ = (
         "_corrects_velocity",
+        "_doubted",
         "_drifts",
         "_heard",
         "_links",
@@ -156,6 +83,8 @@ class PeerTable:
         self.speed_max_mps = speed_max_mps
         self._period_s = beacon_period_s
         self._heard: dict[int, PeerContact] = {}  # by ascending id
+        # Of those of whom nobody vouches for what is heard now: the last contact for which somebody did.
+        self._doubted: dict[int, PeerContact] = {}
         self._links: dict[int, LinkShare] = {}
         self._reports = PeerReports(size, self.stale_s)
         self._drifts: dict[int, VelocityBias] = {}
@@ -189,7 +118,12 @@ class PeerTable:
             _find_acceleration(last, velocity, beacon.time_ms),
             share=link.share,
             stale_s=link.stale_s,
+            is_vouched=heard.is_vouched,
         )
+        if heard.is_vouched:
+            self._doubted.pop(beacon.sender, None)
+        elif last is not None and last.is_vouched:
+            self._doubted[beacon.sender] = last
         if last is None:
             self._heard = dict(sorted(self._heard.items()))
         return True
@@ -210,7 +144,7 @@ class PeerTable:
 
     def contacts(self) -> PeerContacts:
         """The last of each vehicle, as a value."""
-        return PeerContacts(tuple(self._heard.values()))
+        return PeerContacts(tuple(self._heard.values()), tuple(self._vouched().values()) if self._doubted else None)
 
     def silent_airborne(
         self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float, launched: bool = False
@@ -222,12 +156,13 @@ class PeerTable:
         that was ready may be in the air by now. One on its way up or down is at every height.
         """
         silent: dict[int, PeerReport] = {}
-        late = [sender for sender, heard in self._heard.items() if not now_s - heard.at_s <= heard.stale_s]
+        vouched = self._vouched()
+        late = [sender for sender, heard in vouched.items() if not now_s - heard.at_s <= heard.stale_s]
         reported = self._reports.vehicles()
         if not late and not reported:
             return silent
         for vehicle in sorted({*late, *reported}):
-            heard = self._heard.get(vehicle)
+            heard = vouched.get(vehicle)
             if heard is not None and now_s - heard.at_s <= heard.stale_s:
                 continue
             places = self._find_reported_places(vehicle, own_pos_ned_m, now_s)
@@ -242,7 +177,7 @@ class PeerTable:
     def predict_corridors(self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float) -> list[PredictedCorridor]:
         """Of those in the air that this vehicle heard near by, and does not hear any more: see `predict_corridors`."""
         found: list[PredictedCorridor] = []
-        for heard in self._heard.values():
+        for heard in self._vouched().values():
             if FROM_S < now_s - heard.at_s <= UNTIL_S and self._fell_silent_in_range(heard, range_m, launched=False):
                 course = lane(sub(heard.rel_ned_m, sub(own_pos_ned_m, heard.own_pos_ned_m)), heard.vel_ned_mps)
                 if course is not None:
@@ -266,7 +201,7 @@ class PeerTable:
                     worth[vehicle, k] = place
                     self._told_s[vehicle] = now_s
         # Votes may end an alarm: one that is overdue may be silent.
-        heard = {neighbour.id: neighbour for neighbour in neighbours if not neighbour.is_overdue}
+        heard = {n.id: n for n in neighbours if not n.is_overdue and n.id not in self._doubted}
         for vehicle in sorted(called):
             if (vehicle, 0) not in worth:
                 answer = self._find_answer(vehicle, heard.get(vehicle), own_pos_ned_m, now_s)
@@ -286,7 +221,7 @@ class PeerTable:
     def relayed(self, own_pos_ned_m: Vec3, now_s: float) -> list[tuple[Vec3, float]]:
         """Places, relative, at which others hear vehicles that this one lost in the air; and how old each is."""
         found: list[tuple[Vec3, float]] = []
-        for vehicle, heard in self._heard.items():
+        for vehicle, heard in self._vouched().items():
             if now_s - heard.at_s > heard.stale_s and heard.beacon.airborne:
                 found += self._reports.heard_places(vehicle, own_pos_ned_m, now_s)
         return found
@@ -295,11 +230,15 @@ class PeerTable:
         """A member says that it hears that one."""
         return bool(self._reports.heard_places(vehicle, own_pos_ned_m, now_s))
 
+    def _vouched(self) -> Mapping[int, PeerContact]:
+        """By ascending id, the last contact with each vehicle for which its sender vouches, or the only one."""
+        return {k: self._doubted.get(k, heard) for k, heard in self._heard.items()} if self._doubted else self._heard
+
     def _find_hidden(self, now_s: float) -> list[int]:
         """Vehicles in the air that this one does not hear, and a majority does: it asks on where they are."""
         return [
             vehicle
-            for vehicle, heard in self._heard.items()
+            for vehicle, heard in self._vouched().items()
             if now_s - heard.at_s > TELL_AFTER_S
             and heard.beacon.airborne
             and self._reports.is_refuted(vehicle, heard.at_s)
@@ -314,7 +253,7 @@ class PeerTable:
 
     def _find_reported_places(self, vehicle: int, own_pos_ned_m: Vec3, now_s: float) -> list[PeerReport]:
         """Places by others' words, but of what they heard before it was last heard here."""
-        heard = self._heard.get(vehicle)
+        heard = self._vouched().get(vehicle)
         since_s = -math.inf if heard is None else heard.at_s - self.stale_s
         return self._reports.places(vehicle, own_pos_ned_m, now_s, since_s=since_s)
 

@@ -17,10 +17,12 @@ class HeardBeacon:
 
     said: Final[Beacon]
     rel_ned_m: Final[Vec3]  # from the receiver's position when it was decoded to the sender
+    is_vouched: Final[bool]  # False: its sender does not vouch for what it sends, so it frees nothing
 
-    def __init__(self, said: Beacon, rel_ned_m: Vec3) -> None:
+    def __init__(self, said: Beacon, rel_ned_m: Vec3, *, is_vouched: bool = True) -> None:
         self.said = said
         self.rel_ned_m = rel_ned_m
+        self.is_vouched = is_vouched
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)

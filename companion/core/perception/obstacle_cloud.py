@@ -80,7 +80,7 @@ def find_hovering(silent: Mapping[int, PeerReport], neighbours: Sequence[Neighbo
     """By id, vehicles in the air that no companion steers: those that fell silent, and those that are heard there."""
     found = dict(silent)
     for n in neighbours:
-        if n.stands:
+        if n.stands and n.id not in found:  # what is heard of one that is silent is not its own word
             found[n.id] = PeerReport(n.id, n.rel_ned_m, n.age_s, silent=False)
     return found
 

@@ -10,9 +10,9 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Final, final
 
-from companion.core.localisation.peer_table import PeerContacts
 from companion.core.model.beacon import Lease
 from companion.core.model.neighbour import find_hover_places
+from companion.core.model.peer_contacts import PeerContacts
 from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.swarm.partition_recovery import (
     BEYOND,

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from companion.core.localisation.peer_table import PeerContacts
 from companion.core.model.beacon import PeerReport
 from companion.core.model.events import Position
 from companion.core.model.neighbour import Neighbour
+from companion.core.model.peer_contacts import PeerContacts
 from companion.core.model.states import STEERED, FlightState, Reception
 from companion.core.vehicle.failsafe import Finding
 from mission.common.frames import Vec3

@@ -13,18 +13,20 @@ from companion.mavlink.autopilot_link.signing import as_signed
 from companion.mavlink.beacon import Decoded
 from companion.mavlink.framing.signing import Gate
 from companion.mavlink.harvest import StandUpdate
-from companion.mavlink.peers.guard import without_word
+from companion.mavlink.peers.belief import limit_belief
 from companion.records.frames import is_record_frame
 
 
 class PlayedGuard:
     """Repeats the answers of a guard with keys."""
 
-    def __init__(self, tape: PlayedTape, flags: int) -> None:
+    def __init__(self, tape: PlayedTape, flags: int, *, tells_vouched: bool = True) -> None:
+        """`tells_vouched`: the tape has whether a sender vouches for where it is, and who is proven to lie."""
         self.flags = flags
         self.cloned = False
         self.refused: Counter[str] = Counter()
         self._tape: Final = tape
+        self._tells_vouched: Final = tells_vouched
         self._reasons: list[str] = []
 
     def passes(self, frame: bytes, now_s: float) -> bool:  # noqa: ARG002
@@ -56,9 +58,12 @@ class PlayedGuard:
 
     def believe(self, decoded: Decoded, sender: int, now_s: float) -> Decoded:  # noqa: ARG002
         """As much as then."""
-        if self._count_refusal(self._tape.next_verdict()) == YES or decoded.said is None:
+        if self._count_refusal(self._tape.next_verdict()) == YES:
             return decoded
-        return Decoded(decoded.version, without_word(decoded.said), decoded.pos_ned_m)
+        if not self._tells_vouched:
+            return limit_belief(decoded, is_proven=False, is_vouched=True)
+        is_vouched, is_proven = self._tape.next_verdict() == YES, self._tape.next_verdict() == YES
+        return limit_belief(decoded, is_proven=is_proven, is_vouched=is_vouched)
 
     def seal(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> bytes:  # noqa: ARG002
         """The frame, with the seal of then."""
@@ -75,6 +80,18 @@ class PlayedGuard:
         """The frame, with the seal of then."""
         kept, seal = self._tape.next_list("seal")
         return frame[:kept] + bytes(seal)
+
+    def take_liars(self) -> list[int]:
+        """The liars that were proven then."""
+        if not self._tells_vouched or self._tape.next_verdict() == NO:
+            return []
+        return [int(liar) for liar in self._tape.next_list("liars")]
+
+    def take_proofs(self) -> list[bytes]:
+        """The proofs that were passed on then."""
+        if not self._tells_vouched or self._tape.next_verdict() == NO:
+            return []
+        return [bytes(proof) for proof in self._tape.next_list("proofs")]
 
     def take_says(self) -> list[Say]:
         """Words of then."""

@@ -12,6 +12,7 @@ from companion.mavlink.beacon import Decoded
 from companion.mavlink.framing.signing import Gate
 from companion.mavlink.harvest import RecordLink, StandUpdate
 from companion.mavlink.orders.book import Marks
+from companion.mavlink.peers.belief import limit_belief
 from companion.mavlink.peers.guard import Guard
 
 
@@ -67,6 +68,10 @@ class RecordedGuard:
         """The guard's answer: all of it, or what slows alone, and why a manifest that had waited counts nothing."""
         believed = self._guard.believe(decoded, sender, now_s)
         self._tape.put_verdict(YES if believed is decoded else self._refusal())
+        if believed is not decoded:
+            vouched = believed.is_vouched
+            self._tape.put_verdict(vouched)
+            self._tape.put_verdict(believed == limit_belief(decoded, is_proven=True, is_vouched=vouched))
         return believed
 
     def seal(self, frame: bytes, now_s: float, said: Beacon | None = None, *, named: bool = True) -> bytes:
@@ -84,6 +89,22 @@ class RecordedGuard:
     def seal_proof(self, frame: bytes) -> bytes:
         """The frame as the guard seals it."""
         return self._record_seal(frame, self._guard.seal_proof(frame))
+
+    def take_liars(self) -> list[int]:
+        """The guard's."""
+        liars = self._guard.take_liars()
+        self._tape.put_verdict(len(liars) > 0)
+        if liars:
+            self._tape.put_list(["liars", *liars])
+        return liars
+
+    def take_proofs(self) -> list[bytes]:
+        """The guard's."""
+        proofs = self._guard.take_proofs()
+        self._tape.put_verdict(len(proofs) > 0)
+        if proofs:
+            self._tape.put_list(["proofs", *proofs])
+        return proofs
 
     def take_says(self) -> list[Say]:
         """Words of the guard."""

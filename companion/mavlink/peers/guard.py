@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from dataclasses import replace
 from typing import Final, Protocol, final
 
 from companion.core.model.actions import Say
@@ -13,6 +12,8 @@ from companion.core.model.states import Severity
 from companion.mavlink.beacon import Decoded
 from companion.mavlink.framing.frames import SIGNED
 from companion.mavlink.peers import manifest as manifests
+from companion.mavlink.peers.belief import limit_belief
+from companion.mavlink.peers.equivocation import SignedManifest, Witness
 from companion.mavlink.peers.frame_mac import (
     TIMESTAMP_MAX,
     UNITS_PER_S,
@@ -31,6 +32,7 @@ MANIFEST_S: Final = 1.0
 NEWS_S: Final = 0.35  # a manifest goes with each beacon for so long after news: three beacons
 MEETING_S: Final = 1.0  # and after a boot that was not heard before
 ALIVE_S: Final = 1.0  # a sender that was heard within it has not begun anew: another boot is another vehicle
+PAST_MAX: Final = 64  # boots of one sender that are over
 CHECKS_MAX: Final = 16  # manifests of one sender that are checked in CHECKS_S: an Ed25519 signature costs 0.1 ms
 CHECKS_S: Final = 1.0
 MEETING_PERIOD_S: Final = 0.1  # of manifests of one that has no beacon to send yet
@@ -73,6 +75,12 @@ class Guard(Protocol):
 
     def seal_proof(self, frame: bytes) -> bytes:
         """The frame of a message that proves itself, as it is sent."""
+
+    def take_liars(self) -> list[int]:
+        """Members that are proven to vouch for what they deny to others, since last asked."""
+
+    def take_proofs(self) -> list[bytes]:
+        """Frames of theirs that prove it to anybody, to be sent again as they came, since last asked."""
 
     def take_says(self) -> list[Say]:
         """Words for the operator, since last asked."""
@@ -120,6 +128,12 @@ class OpenGuard:
     def seal_proof(self, frame: bytes) -> bytes:
         return frame
 
+    def take_liars(self) -> list[int]:
+        return []
+
+    def take_proofs(self) -> list[bytes]:
+        return []
+
     def take_says(self) -> list[Say]:
         return []
 
@@ -135,6 +149,8 @@ class SignedGuard:
         self._session = session
         self._streams: dict[int, Stream] = {}
         self._newcomers: dict[int, int] = {}  # by sender, the last boot that was not met, or is another companion's
+        self._past: dict[int, deque[int]] = {}  # by sender, boots that are over
+        self._witness = Witness(session.verifiers)
         self._turn = 0  # of the echoes
         # By sender, and whether of the boot that was met: since when, how many. Recordings of another cost it nothing.
         self._checks: dict[tuple[int, bool], tuple[float, int]] = {}
@@ -192,9 +208,11 @@ class SignedGuard:
         if found is None:
             return False
         manifest, signed, signature = found
+        stream = self._streams.get(sender)
+        if stream is not None and stream.boot == manifest.boot:
+            self._witness.take_manifest(sender, SignedManifest(manifest, signed, signature, frame), now_s)
         if not self._is_due(sender, manifest, signed, signature, now_s):
             return True
-        stream = self._streams.get(sender)
         if stream is not None and stream.boot == manifest.boot and stream.is_known(manifest, now_s):
             stream.put_off(Waiting(manifest, signed, signature, now_s))
         elif self._holds_signature(sender, manifest, signed, signature, now_s):
@@ -213,6 +231,9 @@ class SignedGuard:
         if sender not in self._session.verifiers:
             self.refused["of no member"] += 1
             self._report_text(f"{name_of(sender)} is not of this fleet, or revoked: ignored", now_s)
+            return False
+        if manifest.boot in self._past.get(sender, ()):
+            self.refused["of a boot that is over"] += 1
             return False
         stream = self._streams.get(sender)
         if stream is not None and manifest.boot == stream.boot and stream.has_heard(manifest, signed, signature):
@@ -233,6 +254,8 @@ class SignedGuard:
         self._checks[sender, is_met] = (since_s, count + 1)
         if count >= CHECKS_MAX:
             self.refused["too many manifests"] += 1
+            if is_met:  # by a member: its own may be among those that are not checked
+                self._report_text(f"flood of manifests in the name of {name_of(sender)}", now_s)
             return False
         if not self._session.verifiers[sender].holds(signature, signed):
             self.refused["forged manifest"] += 1
@@ -254,13 +277,20 @@ class SignedGuard:
             if not is_new:
                 self.refused["not met"] += 1
                 return
-            if stream is not None and now_s - stream.heard_s < ALIVE_S:
+            # Its word that it is there counts while it vouches for it: others have its key of this boot.
+            if stream is not None and now_s - stream.heard_s < ALIVE_S and stream.is_vouched(now_s):
                 self.refused["twice"] += 1
                 self._report_text(f"{name_of(sender)} is there twice: the later is ignored", now_s, Severity.CRITICAL)
                 return
+            if stream is not None:
+                self._leave(sender, stream.boot)
             stream = self._streams[sender] = Stream(manifest.boot, manifest.last, now_s)
             del self._newcomers[sender]
         self._vouch(stream, sender, manifest, now_s)
+
+    def _leave(self, sender: int, boot: int) -> None:
+        """A boot that another one has followed never counts again: what comes of it is a recording."""
+        self._past.setdefault(sender, deque(maxlen=PAST_MAX)).append(boot)
 
     def _vouch(self, stream: Stream, sender: int, manifest: Manifest, now_s: float) -> None:
         if not stream.vouch(manifest, now_s):
@@ -275,14 +305,15 @@ class SignedGuard:
 
     def believe(self, decoded: Decoded, sender: int, now_s: float) -> Decoded:
         said, stream = decoded.said, self._streams.get(sender)
-        if said is None or stream is None or stream.is_proven(said, now_s):
+        if said is None or stream is None:
             return decoded
-        waiting, stream.waiting = stream.waiting, None
-        if waiting is not None and self._holds_signature(sender, *waiting[:3], now_s):
-            self._vouch(stream, sender, waiting.manifest, waiting.heard_s)
-            if stream.is_proven(said, now_s):
-                return decoded
-        return Decoded(decoded.version, without_word(said), decoded.pos_ned_m)
+        is_proven, is_vouched = stream.is_proven(said, now_s), stream.is_vouched(now_s)
+        if not (is_proven and is_vouched):
+            waiting, stream.waiting = stream.waiting, None
+            if waiting is not None and self._holds_signature(sender, *waiting[:3], now_s):
+                self._vouch(stream, sender, waiting.manifest, waiting.heard_s)
+                is_proven, is_vouched = stream.is_proven(said, now_s), stream.is_vouched(now_s)
+        return limit_belief(decoded, is_proven=is_proven, is_vouched=is_vouched)
 
     # --- out ---
 
@@ -318,6 +349,12 @@ class SignedGuard:
         session = self._session
         return seal(frame, session.keys[session.active], session.active, self._timestamp)
 
+    def take_liars(self) -> list[int]:
+        return self._witness.take_liars()
+
+    def take_proofs(self) -> list[bytes]:
+        return self._witness.take_proofs()
+
     def take_says(self) -> list[Say]:
         says, self._says = self._says, []
         return says
@@ -334,21 +371,3 @@ class SignedGuard:
         if now_s - self._told_s.get(text, -math.inf) >= TOLD_S and len(self._told_s) < 1024:
             self._told_s[text] = now_s
             self._says.append(Say(severity, text))
-
-
-def without_word(said: Beacon) -> Beacon:
-    """The same, of which only place, velocity and what slows are left: no leader, phase, order, or other vehicle."""
-    return replace(
-        said,
-        lease=None,
-        candidate=None,
-        dest_ned_m=None,
-        sighting=None,
-        agreed=False,
-        start=False,
-        abort=False,
-        done=0,
-        present=0,
-        flown=0,
-        parent=0,
-    )

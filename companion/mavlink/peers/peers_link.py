@@ -86,9 +86,10 @@ class PeersLink:
         return self.guard.seal(self._sender.frame(TRUNKS_ID, encode_trunk_report(trunks)), now_s)
 
     def prove(self, now_s: float) -> list[bytes]:
-        """Frames to send behind this tick's beacon."""
+        """Frames to send behind this tick's beacon: the own manifest, and two by which another is proven to lie."""
         proof = self.guard.proof(now_s)
-        return [] if proof is None else [self.guard.seal_proof(self._sender.frame(*proof))]
+        own = [] if proof is None else [self.guard.seal_proof(self._sender.frame(*proof))]
+        return [*own, *self.guard.take_proofs()]
 
     def send_orders(self, now_s: float) -> list[bytes]:
         """Frames of the operator's order, each a datagram: they bear the key of the group, and prove themselves."""

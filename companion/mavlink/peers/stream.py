@@ -108,6 +108,7 @@ class Stream:
     """Of one boot of one sender, known to be no recording. Times are the local clock's, s."""
 
     __slots__ = (
+        "_clean_s",
         "_count",
         "_disputed_until_s",
         "_heard",
@@ -138,7 +139,8 @@ class Stream:
         # would be a hundred beacons in a swarm of twelve, which the processor's cache holds no longer.
         self._heard: deque[tuple[int, bytes, Beacon | None, int]] = deque(maxlen=HEARD_MAX)
         self._latest: Beacon | None = None
-        self._proven_s = -math.inf
+        self._proven_s = -math.inf  # its newest manifest that has told what it says,
+        self._clean_s = -math.inf  # and that has named all that was taken in its name
         self._disputed_until_s = -math.inf
         self._said: Beacon | None = None  # the newest that it has vouched for,
         self._count = 0  # and the count of the lease in it
@@ -203,15 +205,16 @@ class Stream:
         if self.waiting is not None and self.waiting.manifest.last <= last:
             self.waiting = None
         clean = self._names_all(manifest)
-        if clean:
+        said, count = self._newest_said(manifest, named=None if clean else frozenset(manifest.macs))
+        if said is not None:
+            self._said, self._count = said, count
+        if clean or said is not None:
             self._proven_s = now_s
-            said, count = self._newest_said(manifest)
-            if said is not None:
-                self._said, self._count = said, count
+        if clean:
+            self._clean_s = now_s
         else:
             # What was taken may be the other's: go on from what the sender itself says that it has sent.
             self._marks[True] = Mark(last, now_s)
-            self._proven_s = -math.inf
             self._disputed_until_s = now_s + DISPUTED_S
         while self._heard and (self._heard[0][0] <= last or not clean):
             self._heard.popleft()
@@ -227,19 +230,29 @@ class Stream:
                 return False
         return True
 
-    def _newest_said(self, manifest: Manifest) -> tuple[Beacon | None, int]:
-        """The word of the last beacon of that time, as far as it was taken, and the count of its lease."""
-        for at, _, said, count in reversed(self._heard):
-            if said is not None and manifest.first <= at <= manifest.last:
+    def _newest_said(self, manifest: Manifest, named: frozenset[bytes] | None = None) -> tuple[Beacon | None, int]:
+        """The word of the last beacon of that time, as far as it was taken, and the count of its lease.
+
+        `named`: MACs, of which it has one; None: whichever it has.
+        """
+        for at, mac, said, count in reversed(self._heard):
+            if said is not None and manifest.first <= at <= manifest.last and (named is None or mac in named):
                 return said, count
         return None, 0
 
     def is_proven(self, said: Beacon, now_s: float) -> bool:
-        """The sender vouches for its frames and has vouched for this word, and its leader's count is not far ahead."""
+        """The sender vouches for its frames and has vouched for this word, and its leader's count is not far ahead.
+
+        Whoever else sent it, while somebody speaks in its name: see `is_vouched`.
+        """
         age_s = now_s - self._proven_s
-        if age_s > PROVEN_S or now_s < self._disputed_until_s or not self._has_vouched_for(said):
+        if age_s > PROVEN_S or not self._has_vouched_for(said):
             return False
         return _count_of(said) <= self._count + COUNTS_SLACK + COUNTS_HZ * age_s
+
+    def is_vouched(self, now_s: float) -> bool:
+        """It has vouched of late for all that was taken in its name, and nobody else speaks in it."""
+        return now_s - self._clean_s <= PROVEN_S and now_s >= self._disputed_until_s
 
     def _has_vouched_for(self, said: Beacon) -> bool:
         """It has this beacon's word in one that it has vouched for."""

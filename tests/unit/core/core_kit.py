@@ -6,10 +6,10 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from companion.core.localisation.peer_table import PeerContacts
 from companion.core.model.beacon import Beacon, Lease
 from companion.core.model.events import HeardBeacon
 from companion.core.model.neighbour import Neighbour
+from companion.core.model.peer_contacts import PeerContacts
 from companion.core.model.states import FlightState, Reception, SwarmPhase
 from companion.core.model.vectors import ZERO, norm
 from companion.core.swarm.picture import Picture

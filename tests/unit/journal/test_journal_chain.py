@@ -271,11 +271,11 @@ def test_a_box_of_the_format_before_is_read(flight: Flight) -> None:
     path = flight.segments[1]
     head, chunks = chunks_of(path.read_bytes())
     start, *others = [message for chunk in chunks for message in chunk]
-    older = [replace(start, data=start.data.replace(b'"format":2', b'"format":1')), *others]
+    older = [replace(start, data=start.data.replace(b'"format":3', b'"format":1')), *others]
     path.write_bytes(file_of(head, sealed_anew(older, BEGIN)))
     replayed = replay_flight(flight)
     assert (replayed.start["format"], replayed.same, replayed.is_same) == (1, TICKS, True)
     path.write_bytes(
-        file_of(head, sealed_anew([replace(start, data=start.data.replace(b'"format":2', b'"format":3')), *others]))
+        file_of(head, sealed_anew([replace(start, data=start.data.replace(b'"format":3', b'"format":4')), *others]))
     )
-    assert replay_flight(flight).stopped == "format 3: this program reads 1 and 2"
+    assert replay_flight(flight).stopped == "format 4: this program reads 1 to 3"

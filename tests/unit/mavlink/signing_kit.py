@@ -47,6 +47,7 @@ class Node:
         self.guard = guard(owner, **changes)
         self.says: dict[str, object] = {}
         self.heard: list[tuple[int, bool]] = []  # sender, whether all of its beacon counted
+        self.believed: list[swarm_beacon.Decoded] = []  # what of each counted
         self.texts: list[str] = []
 
     def send(self, now_s: float) -> list[bytes]:
@@ -71,7 +72,9 @@ class Node:
             said = decode_beacon(frame[5], fields)
             if self.guard.admits(frame, now_s, said):
                 admitted.append((frame[5], swarm_beacon.Decoded(1, said, (0.0, 0.0, 0.0))))
-        found = [(sender, self.guard.believe(one, sender, now_s) is one) for sender, one in admitted]
+        counts = [self.guard.believe(one, sender, now_s) for sender, one in admitted]
+        self.believed += counts
+        found = [(sender, left is one) for (sender, one), left in zip(admitted, counts, strict=True)]
         self.heard += found
         self.texts += [say.text for say in self.guard.take_says()]
         return found
@@ -95,6 +98,7 @@ def met(*owners: int, now_s: float = 100.0) -> tuple[list[Node], float]:
     now_s = exchange(nodes, now_s, 20)
     for node in nodes:
         node.heard.clear()
+        node.believed.clear()
     return nodes, now_s
 
 

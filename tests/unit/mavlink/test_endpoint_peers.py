@@ -295,3 +295,14 @@ def test_flood_of_requests_is_answered_eight_times_a_tick_at_most() -> None:
     found = [m.ts1 for m in read(one.tick(10.0).autopilot) if m.get_type() == "TIMESYNC"]
     assert found == list(range(93, 101))
     assert "TIMESYNC" not in ids(one.tick(10.05).autopilot)
+
+
+def test_one_that_is_proven_to_lie_is_blocked_and_the_proof_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = placed()
+    monkeypatch.setattr(one.peers.guard, "take_liars", lambda: [5])
+    monkeypatch.setattr(one.peers.guard, "take_proofs", lambda: [b"one", b"two"])
+    sent = one.tick(10.0)
+    assert sent.peers.endswith(b"onetwo")
+    assert one.agent.swarm.trust.blocklist.has(5)
+    one.from_peers(beacon_of(5, lease=lease(5, 7)), 10.1)
+    assert one.agent.swarm.election.lease != lease(5, 7)

@@ -105,8 +105,10 @@ def test_a_frame_that_a_manifest_does_not_name_is_found_at_either_end_of_its_tim
     stream.take_frame(forged, SAID, 1.1, named=True)
     manifest = Manifest(7, 6, 8, (), ())
     assert not stream.is_known(manifest, 1.1)
+    assert stream.is_vouched(1.1)
     assert not stream.vouch(manifest, 1.1)
-    assert not stream.is_proven(SAID, 1.1)
+    assert not stream.is_vouched(1.1)
+    assert stream.is_proven(SAID, 1.1)  # whoever says it again
 
 
 @pytest.mark.parametrize("at", [6, 9])

@@ -14,8 +14,9 @@ from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink.beacon import COMPONENT
 from companion.mavlink.framing import wire
 from companion.mavlink.own_messages import decode_beacon
+from companion.mavlink.peers.belief import without_word
 from companion.mavlink.peers.frame_mac import mac_of, seal
-from companion.mavlink.peers.guard import CHECKS_MAX, CHECKS_S, OpenGuard, without_word
+from companion.mavlink.peers.guard import CHECKS_MAX, CHECKS_S, OpenGuard
 from companion.mavlink.peers.manifest import MANIFEST_ID, Manifest, encode_manifest, read_manifest
 from companion.mavlink.peers.session import BASE_ID, OPERATOR_ID, name_of, open_session
 from companion.mavlink.peers.stream import AHEAD_S, CHECKED_S, PROVEN_S, Stream

@@ -158,7 +158,7 @@ class GnssDeniedLocaliser(Localiser):
         turned = rotate_beacon(said, ranging.filter.compass_of(said.sender) - ranging.filter.compass[0])
         located = ranging.locate_peer(said.sender, own_pos_ned_m[2], now_s)
         rel = heard.rel_ned_m if located is None else sub(located[0], scale(turned.vel_ned_mps, age_s))
-        return HeardBeacon(turned, rel)
+        return HeardBeacon(turned, rel, is_vouched=heard.is_vouched)
 
     def _take_report(self, said: Beacon) -> RelativeReport | None:
         """The report that came with this beacon; None: it is missing. Several may have come at once."""

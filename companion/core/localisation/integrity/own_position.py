@@ -228,7 +228,7 @@ class OwnPosition:
         """A beacon, which the codec made relative to the reported position, from the one that is flown by."""
         if self.off_ned_m == ZERO:
             return heard
-        return HeardBeacon(heard.said, sub(heard.rel_ned_m, self.off_ned_m))
+        return HeardBeacon(heard.said, sub(heard.rel_ned_m, self.off_ned_m), is_vouched=heard.is_vouched)
 
     def correct_broadcast(self, sent: SendBeacon) -> SendBeacon:
         """A beacon, to which the codec adds the reported position."""
