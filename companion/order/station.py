@@ -1,6 +1,7 @@
 """The operator's radio without its sockets: beacons in, orders out, and who has taken them. Times are a local clock's.
 
-An order has reached a vehicle when that one passes it on, byte for byte; its beacon shows whether it acts on it.
+An order has reached a vehicle when that one passes it on, byte for byte, in a frame of the swarm's key. Its beacon
+shows whether it acts on it, once its signature vouches for that.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from companion.core.model.beacon import Beacon
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.keys.crypto import Signer
 from companion.mavlink import beacon as swarm_beacon
+from companion.mavlink.beacon import REFUSED, Decoded
 from companion.mavlink.framing import wire
 from companion.mavlink.framing.frames import source
 from companion.mavlink.orders.order import (
@@ -28,10 +30,12 @@ from companion.mavlink.orders.repeats import NEW_PERIOD_S, Repeats
 from companion.mavlink.own_messages import decode_beacon
 from companion.mavlink.peers.guard import Guard
 from companion.mavlink.peers.session import OPERATOR_ID
+from mission.common.frames import Vec3
 
 FRESH_S: Final = 3.0  # older, a vehicle is not heard
 ENDED: Final = (FlightState.LANDING, FlightState.LANDED, FlightState.RELEASED)
 HELD: Final = (FlightState.HOLD, FlightState.WAITING, FlightState.READY)
+NOWHERE: Final[Vec3] = (0.0, 0.0, 0.0)  # no place is asked for here
 
 
 class OrderFileError(ValueError):
@@ -65,6 +69,7 @@ class OrderFile(Protocol):
 class _Heard:
     said: Beacon
     heard_s: float
+    is_proven: bool  # its sender vouches for all of it
     passed_on: bytes = b""  # the last order that it sent
 
 
@@ -101,24 +106,37 @@ class OperatorStation:
     def receive(self, data: bytes, now_s: float) -> None:
         """A datagram of the swarm's radio. Whatever it is, nothing raises."""
 
+        guard = self._guard
+
         def take_frame(frame: bytes) -> bool:
-            if self._guard.take_proof(frame, now_s):
+            if guard.take_proof(frame, now_s):
                 return True
             payload = order_payload(frame)
             heard = None if payload is None else self._heard.get(source(frame)[0])
-            if payload is not None and heard is not None:
+            if payload is not None and heard is not None and guard.holds_mac(frame):  # else anybody's copy would do
                 heard.passed_on = payload
             return payload is not None
 
-        for sender, frame, fields in swarm_beacon.beacons(data, take_frame):
+        def read_beacon(frame: bytes) -> Decoded | None:
+            fields, sender = swarm_beacon.unpack(frame), source(frame)[0]
+            if fields is None:
+                return None
             said = decode_beacon(sender, fields)
-            if said is None or not 1 <= sender <= self._size or not self._guard.admits(frame, now_s, said):
-                continue
-            known = self._heard.get(sender)
-            if known is None:
-                self._heard[sender] = _Heard(said, now_s)
-            else:
-                known.said, known.heard_s = said, now_s
+            if said is None or not 1 <= sender <= self._size or not guard.admits(frame, now_s, said):
+                return REFUSED
+            return Decoded(fields.version, said, NOWHERE)
+
+        for sender, _, decoded in swarm_beacon.read_each(data, read_beacon, take_frame):
+            believed = guard.believe(decoded, sender, now_s)  # by the proof that came with it
+            if believed.said is not None:
+                self._keep_beacon(believed.said, now_s, is_proven=believed is decoded)
+
+    def _keep_beacon(self, said: Beacon, now_s: float, *, is_proven: bool) -> None:
+        known = self._heard.get(said.sender)
+        if known is None:
+            self._heard[said.sender] = _Heard(said, now_s, is_proven)
+        else:
+            known.said, known.heard_s, known.is_proven = said, now_s, is_proven
 
     def vehicles(self, now_s: float) -> dict[int, Beacon]:
         """The last beacon of each vehicle that is heard now, by its id."""
@@ -186,6 +204,8 @@ class OperatorStation:
 
     def _acts(self, heard: _Heard) -> bool:
         said, has_it = heard.said, heard.passed_on == self._payload
+        if self._kind is not None and not heard.is_proven:
+            return False
         match self._kind:
             case OrderKind.ABORT:
                 return said.abort
