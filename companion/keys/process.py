@@ -1,4 +1,7 @@
-"""This process, once it holds a key: nothing of its memory goes to a disk or to another process of the same user."""
+"""This process, once it holds a key: nothing of its memory goes to a core dump or to another process of the same user.
+
+The service's unit keeps it out of swap, too (MemorySwapMax); a program that is started by hand may be swapped.
+"""
 
 from __future__ import annotations
 

@@ -117,6 +117,12 @@ def test_the_child_that_fuses_the_stand_may_give_way_and_go_without_the_companio
     assert int(directive("MemoryMax").removesuffix("M")) >= 128 + 240
 
 
+def test_memory_of_the_service_goes_to_no_disk() -> None:
+    """It holds the keys."""
+    assert directive("LimitCORE") == "0"
+    assert directive("MemorySwapMax") == "0"
+
+
 def test_the_service_comes_back_and_is_watched() -> None:
     assert directive("Type") == "notify"
     assert directive("Restart") == "always"
