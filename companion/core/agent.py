@@ -138,9 +138,8 @@ class Agent:
         self._says += self.rise.update(picture, orders)
         actions: list[Action] = []
         if picture.own is not None and (orders.broadcasts or orders.steers):  # it is asked for
-            self.localiser.update_destination(
-                picture.own.pos_ned_m, orders.route.up, now_s, role=orders.role, stop=orders.stop
-            )
+            here, up, stop, leader = picture.own.pos_ned_m, orders.route.up, orders.stop, orders.leader
+            self.localiser.update_destination(here, up, now_s, role=orders.role, stop=stop, leader=leader)
             if orders.broadcasts:
                 actions.append(self._broadcast(picture, picture.own, orders))
         if picture.own is not None and self.perception.take_odometry():

@@ -10,7 +10,8 @@ import pytest
 
 from companion.core.model.beacon import Beacon, Lease
 from companion.core.model.states import Order, SwarmPhase
-from mission.common.frames import Vec3
+from companion.core.model.vectors import sub
+from mission.common.frames import Vec3, enu_to_ned
 from tests.unit.core.core_fleet import Fleet, fleet
 from tests.unit.core.core_kit import mission
 
@@ -133,6 +134,40 @@ def test_a_leader_that_leads_away_from_the_mission_is_given_up() -> None:
     among = others(swarm, 1)
     assert 1 not in leaders(swarm, among)
     assert any("vehicle 1 blocked: leaves the way" in text for k in among for text in swarm.aircraft[k].said)
+
+
+def test_a_false_way_to_the_next_tree_told_for_a_second_costs_no_leader_its_lead() -> None:
+    """By it the way would lead back, and the leader would be given up for the way of the mission."""
+    swarm = Fleet(
+        mission(
+            route={"stops": [{"pos_enu_m": (40.0, 0.0, 8.0), "duration_s": 2.0}], "d2_enu_m": (40.0, 130.0, 8.0)},
+            swarm={"size": 3},
+        )
+    )
+    began_s: list[float] = []
+
+    def lie(sent: Beacon) -> Beacon:
+        if sent.phase is not SwarmPhase.TRANSIT or sent.stop == 0 or sent.dest_ned_m is None:
+            return sent
+        began_s.append(swarm.now_s)
+        dest = sub(sent.dest_ned_m, (400.0, 0.0, 0.0)) if swarm.now_s - began_s[0] <= 1.1 else sent.dest_ned_m
+        return replace(sent, dest_ned_m=dest, route_cost=1.0)
+
+    swarm.lies[2] = lie
+    swarm.run(2.0)
+    swarm.order(1, Order.START)
+    swarm.until("TRANSIT", limit_s=90.0)
+    swarm.until("COVERAGE", limit_s=90.0)
+    swarm.until("TRANSIT", limit_s=60.0)
+    told = swarm.aircraft[3].agent.localiser.destination
+    for _ in range(40):
+        swarm.tick()
+        assert told.ned_m is not None
+        true = sub(enu_to_ned((40.0, 130.0, 8.0)), swarm.aircraft[3].pos_ned_m)
+        assert math.dist(told.ned_m, true) <= 5.0
+    swarm.until("COVERAGE", limit_s=120.0)
+    assert leaders(swarm, [1, 3]) == {1}
+    assert not any("leaves the way" in text for k in swarm.aircraft for text in swarm.aircraft[k].said)
 
 
 def test_one_that_allows_no_speed_holds_the_swarm_for_half_a_minute() -> None:

@@ -2,6 +2,10 @@
 
 Who leads has it from a position; a follower from those nearer to the leader, as their beacons say; where nobody tells,
 it goes on by odometry. Of own positions only differences are used, but by a leader.
+
+At another visit nothing of its own bears out what it is told. So there it goes by the leader's own word, where it hears
+that; else by the median of the others', in which one false word moves nothing. Of two that contradict each other it
+cannot know the false one: it has no vector then, and keeps where it is in the mission by its odometry.
 """
 
 from __future__ import annotations
@@ -11,20 +15,27 @@ from collections.abc import Sequence
 from typing import Final, final
 
 from companion.core.model.neighbour import Neighbour
-from companion.core.model.vectors import ZERO, add, norm, scale, sub
+from companion.core.model.vectors import ZERO, add, median, norm, scale, sub
 from mission.common.frames import Vec3, enu_to_ned
 from mission.document.model import Mission
 
 FOLLOW_M: Final = 3.0  # that others' words count at once: odometry and they differ by less from moment to moment
-TOLD_S: Final = 1.0
+TOLD_S: Final = 1.0  # that those are waited for who have not gone over to the visit yet: a hop takes a period or two
 FOLLOW_MPS: Final = 0.5  # and for longer: how fast odometry may drift, and a leader goes over to GNSS
+DEST_OFF_M: Final = 8.0  # estimates of a GNSS-denied swarm differ by less, but for what they say of themselves
+STATED_ERROR_MAX_M: Final = 10.0  # more of what one says of its own error excuses nothing
+
+
+def honest_gap_m(one_error_m: float, other_error_m: float) -> float:
+    """Two vectors to one place that are farther apart contradict each other. Errors: as each states its own, m."""
+    return DEST_OFF_M + min(one_error_m + other_error_m, STATED_ERROR_MAX_M)
 
 
 @final
 class Destination:
-    """One vehicle's: `ned_m` is the vector, None until it is known."""
+    """One vehicle's: `ned_m` is the vector, None while it is not known."""
 
-    __slots__ = ("_at_ned_m", "_kept_ned_m", "_kept_s", "_stop", "_stops_ned_m", "_told_until_s", "lag_m", "ned_m")
+    __slots__ = ("_at_ned_m", "_kept_ned_m", "_kept_s", "_known_s", "_stop", "_stops_ned_m", "lag_m", "ned_m")
 
     def __init__(self, mission: Mission) -> None:
         self.ned_m: Vec3 | None = None
@@ -33,7 +44,7 @@ class Destination:
         self._at_ned_m: Vec3 | None = None  # odometry reading that goes with it
         self._kept_ned_m: Vec3 | None = None  # a follower's by its own odometry, which others' words bring round slowly
         self._kept_s = 0.0
-        self._told_until_s = -math.inf  # others' words count alone
+        self._known_s = -math.inf  # when the vector was last that of the visit that the swarm is bound for
         self._stop = 0  # index of the visit that it leads to
 
     def update_leader(self, pos_ned_m: Vec3, stop: int) -> None:
@@ -47,7 +58,7 @@ class Destination:
 
         `fix_ned_m`: where GNSS has this vehicle, None: it does not; it goes over to that by `most_m` at once.
         """
-        stop_ned_m, dest, at = self._stops_ned_m[stop], self.ned_m, self._at_ned_m
+        stop_ned_m, dest, at = self._stops_ned_m[stop], self._last_ned_m(), self._at_ned_m
         if dest is None or at is None:
             self.ned_m = sub(stop_ned_m, fix_ned_m or pos_ned_m)
         else:
@@ -59,42 +70,51 @@ class Destination:
         self._keep_as_leader()
         self._note(pos_ned_m, stop)
 
-    def update_follower(self, pos_ned_m: Vec3, stop: int, upstream: Sequence[Neighbour], now_s: float) -> None:
+    def update_follower(
+        self, pos_ned_m: Vec3, stop: int, upstream: Sequence[Neighbour], now_s: float, *, leader: int
+    ) -> None:
         """From the neighbours nearer to the leader, as far as the own odometry bears them out; else by odometry."""
-        received = [n.dest_ned_m for n in upstream if n.dest_ned_m is not None]
-        if received:
-            total = ZERO
-            for vector in received:
-                total = add(total, vector)
-            self.ned_m = self._bring_round(scale(total, 1.0 / len(received)), pos_ned_m, stop, now_s)
-        elif self.ned_m is not None and self._at_ned_m is not None:
-            self.ned_m = self._kept_ned_m = sub(self.ned_m, sub(pos_ned_m, self._at_ned_m))
-            self._kept_s = now_s
-        self._note(pos_ned_m, stop)
+        moved = ZERO if self._at_ned_m is None else sub(pos_ned_m, self._at_ned_m)
+        kept, self._at_ned_m = self._kept_ned_m, pos_ned_m
+        tellers = [n for n in upstream if n.dest_ned_m is not None]
+        told = [n for n in tellers if n.beacon.stop == stop]
+        if stop == self._stop:
+            self._known_s = now_s
+        if told and kept is not None and stop == self._stop:
+            self.ned_m = self._bring_round(sub(kept, moved), _mean(told), now_s)
+            return
+        is_complete = len(told) == len(tellers) or now_s - self._known_s > TOLD_S
+        first = _find_first_word(told, leader, is_complete=is_complete)
+        if first is not None:
+            self.ned_m, self._stop = first, stop
+            self._kept_ned_m, self._kept_s = first, now_s
+            return
+        last = self._last_ned_m()
+        self._kept_ned_m, self._kept_s = None if last is None else sub(last, moved), now_s
+        self.ned_m = self._kept_ned_m if stop == self._stop else None
 
     def forget_odometry(self) -> None:
         """It did not know where it is among the others: until it does, their words count alone."""
-        self._kept_ned_m = None
+        if self.ned_m is not None:
+            self._kept_ned_m = None
 
-    def _bring_round(self, received: Vec3, pos_ned_m: Vec3, stop: int, now_s: float) -> Vec3:
-        """The received vector, or as near to it as a false word may bring this vehicle now."""
-        kept, at = self._kept_ned_m, self._at_ned_m
-        if stop != self._stop:  # to another tree: how far apart they are, it is told, by one after the other
-            self._told_until_s = now_s + TOLD_S
-        if kept is None or at is None or now_s < self._told_until_s:
-            self._kept_ned_m, self._kept_s = received, now_s
-            return received
-        kept = sub(kept, sub(pos_ned_m, at))
+    def _bring_round(self, kept: Vec3, received: Vec3, now_s: float) -> Vec3:
+        """The received vector, or as near to it as a false word may bring this vehicle now. `kept`: by odometry."""
         since_s, self._kept_s = max(0.0, now_s - self._kept_s), now_s
         self._kept_ned_m, _ = _approach(kept, received, FOLLOW_MPS * since_s)
         found, _ = _approach(self._kept_ned_m, received, FOLLOW_M)
         return found
 
+    def _last_ned_m(self) -> Vec3 | None:
+        """The vector to the last visit that it has known one of."""
+        return self._kept_ned_m if self.ned_m is None else self.ned_m
+
     def offset_ned_m(self, pos_ned_m: Vec3) -> Vec3:
         """The position in the mission's frame less `pos_ned_m`, level, if the vector is true; ZERO: it is not known."""
-        if self.ned_m is None:
+        last = self._last_ned_m()
+        if last is None:
             return ZERO
-        there = sub(self._stops_ned_m[self._stop], self.ned_m)
+        there = sub(self._stops_ned_m[self._stop], last)
         return (there[0] - pos_ned_m[0], there[1] - pos_ned_m[1], 0.0)
 
     def closing_mps(self, ref_ned_mps: Vec3) -> float:
@@ -112,6 +132,32 @@ class Destination:
     def _note(self, pos_ned_m: Vec3, stop: int) -> None:
         self._at_ned_m = pos_ned_m
         self._stop = stop
+
+
+def _find_first_word(told: Sequence[Neighbour], leader: int, *, is_complete: bool) -> Vec3 | None:
+    """The vector to a visit that no own one bears out yet; None: no word may be gone by.
+
+    `told`: neighbours that tell one of this visit; `is_complete`: no other one is about to.
+    """
+    words = {n.id: n.dest_ned_m for n in told if n.dest_ned_m is not None}
+    if leader in words:
+        return words[leader]
+    if not words or not is_complete:
+        return None
+    if len(told) == 2:
+        one, other = told
+        apart_m = norm(sub(words[one.id], words[other.id]))
+        agrees = apart_m <= honest_gap_m(one.beacon.position_error_m, other.beacon.position_error_m)
+        return _mean(told) if agrees else None
+    return median(list(words.values()))
+
+
+def _mean(told: Sequence[Neighbour]) -> Vec3:
+    total, count = ZERO, 0
+    for neighbour in told:
+        if neighbour.dest_ned_m is not None:
+            total, count = add(total, neighbour.dest_ned_m), count + 1
+    return scale(total, 1.0 / count)
 
 
 def _approach(from_m: Vec3, to_m: Vec3, most_m: float) -> tuple[Vec3, float]:

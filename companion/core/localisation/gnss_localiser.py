@@ -114,12 +114,13 @@ class GnssLocaliser(Localiser):
         *,
         role: Role,
         stop: int,
+        leader: int,
     ) -> None:
         """A leader's from its own position, a follower's from those nearer to the leader."""
         if role is Role.LEADER:
             self.destination.update_leader(pos_ned_m, stop)
         else:
-            self.destination.update_follower(pos_ned_m, stop, upstream, now_s)
+            self.destination.update_follower(pos_ned_m, stop, upstream, now_s, leader=leader)
 
     def missing(self, now_s: float) -> str:  # noqa: ARG002
         """Nothing."""

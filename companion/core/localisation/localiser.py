@@ -149,9 +149,9 @@ class Localiser(ABC):
 
     @abstractmethod
     def update_destination(
-        self, pos_ned_m: Vec3, upstream: Sequence[Neighbour], now_s: float, *, role: Role, stop: int
+        self, pos_ned_m: Vec3, upstream: Sequence[Neighbour], now_s: float, *, role: Role, stop: int, leader: int
     ) -> None:
-        """Sets `destination`: once a tick, after the route is known. `upstream`: those nearer to the leader."""
+        """Sets `destination`: once a tick, after the route is known. `upstream`: those nearer to the `leader`."""
 
     @abstractmethod
     def missing(self, now_s: float) -> str:

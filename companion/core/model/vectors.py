@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from mission.common.frames import Vec3
 
@@ -44,6 +45,13 @@ def turned_level(a: Vec3, by_rad: float) -> Vec3:
     """`a`, turned clockwise, north to east."""
     c, s = math.cos(by_rad), math.sin(by_rad)
     return (c * a[0] - s * a[1], s * a[0] + c * a[1], a[2])
+
+
+def median(vectors: Sequence[Vec3]) -> Vec3:
+    """Component by component: the lower one of two in the middle."""
+    middle = (len(vectors) - 1) // 2
+    x, y, z = (sorted([v[k] for v in vectors])[middle] for k in range(3))
+    return (x, y, z)
 
 
 def is_finite(a: Vec3) -> bool:

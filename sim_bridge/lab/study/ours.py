@@ -138,7 +138,9 @@ class Flight:
         behind = formation.children(me, vehicle.route, neighbours)
         vehicle.governor = formation.governor(vehicle.route, behind, range_m=range_m)
         if goal is None:
-            vehicle.destination.update_follower(own.pos_ned_m, 0, vehicle.route.up, self._now_s)
+            up = vehicle.route.up
+            leader = next((n.id for n in up if n.beacon.route_cost == formation.LEADER_ROUTE.cost), 0)
+            vehicle.destination.update_follower(own.pos_ned_m, 0, up, self._now_s, leader=leader)
         else:
             vehicle.destination.update_leader(own.pos_ned_m, 0)
         drift = vehicle.own_drift.ned_mps

@@ -213,7 +213,7 @@ class GnssDeniedLocaliser(Localiser):
         self.is_position_lost = role is Role.LEADER and self.global_localisation.is_lost(now_s, self._budget_m)
 
     def update_destination(
-        self, pos_ned_m: Vec3, upstream: Sequence[Neighbour], now_s: float, *, role: Role, stop: int
+        self, pos_ned_m: Vec3, upstream: Sequence[Neighbour], now_s: float, *, role: Role, stop: int, leader: int
     ) -> None:
         """A leader goes on by odometry, and over to what GNSS says where it receives it."""
         flown = pos_ned_m if self._receives else sub(pos_ned_m, self.ranging.strayed_ned_m)
@@ -226,7 +226,7 @@ class GnssDeniedLocaliser(Localiser):
                 self._settled_s = now_s + SETTLES_S
             if now_s < self._settled_s:
                 self.destination.forget_odometry()
-            self.destination.update_follower(flown, stop, upstream, now_s)
+            self.destination.update_follower(flown, stop, upstream, now_s, leader=leader)
         sd_m = self.ranging.position_sd_m([n.id for n in upstream])
         self.global_localisation.update_destination_sd(
             sd_m, now_s, lag_m=self.destination.lag_m if role is Role.LEADER else None

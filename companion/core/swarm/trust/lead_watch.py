@@ -33,7 +33,7 @@ CORRIDOR_M: Final = (
 LEFT_PERIODS: Final = 20  # T_L
 SLACK_S: Final = 60.0  # beyond the mission's own times
 MOVED_M: Final = 5.0
-TOLD_S: Final = 1.0  # after a phase has begun: where it leads comes a beacon or two later
+TOLD_S: Final = 2.0  # after a phase has begun: by then who hands down a false vector hands down none any more
 
 
 @final
@@ -54,6 +54,7 @@ class LeadWatch:
         "_unled_s",
         "_usurpers",
         "_way_ned_m",
+        "_way_stop",
         "_width_m",
     )
 
@@ -71,6 +72,7 @@ class LeadWatch:
         self._bound = (SwarmPhase.ASSEMBLE, 0)  # phase and visit
         # Where it was when the swarm left d1, and where it was told then, and at each tree, that the way leads.
         self._way_ned_m: list[Vec3] = []
+        self._way_stop = -1  # the visit that it leads to
         self._left = 0  # periods beside the way
         self._moved_ned_m: Vec3 | None = None
         self._moved_s = 0.0
@@ -141,7 +143,8 @@ class LeadWatch:
         phase, is_new = phases.phase, (phases.phase, phases.stop) != self._bound
         if self._moved_ned_m is None or math.dist(pos_ned_m, self._moved_ned_m) > MOVED_M or is_new:
             self._moved_ned_m, self._moved_s = pos_ned_m, now_s
-        self._note_way(pos_ned_m, dest_ned_m, phases, now_s)
+        # In its first period what was told is still of the visit before.
+        self._note_way(pos_ned_m, None if is_new else dest_ned_m, phases, now_s)
         self._bound = (phase, phases.stop)
         if not follows or not phases.saw_begin:
             self._left, self._moved_s = 0, now_s
@@ -156,21 +159,25 @@ class LeadWatch:
             case SwarmPhase.TRANSIT | SwarmPhase.RETURN:
                 if now_s - self._moved_s > STUCK_LAND_S + SLACK_S:
                     return "gets nowhere"
-                self._left = self._left + 1 if self._is_beside(pos_ned_m) else 0
+                self._left = self._left + 1 if self._is_beside(pos_ned_m, phases.stop) else 0
                 return "leaves the way" if self._left > LEFT_PERIODS else ""
         return ""
 
     def _note_way(self, pos_ned_m: Vec3, dest_ned_m: Vec3 | None, phases: Phases, now_s: float) -> None:
-        """Keep where it sets out, and where to: news of both comes within a second."""
+        """Keep where it sets out, and where to: what is told last within TOLD_S."""
         if phases.phase <= SwarmPhase.GATHER:
-            self._way_ned_m = [pos_ned_m]
+            self._way_ned_m, self._way_stop = [pos_ned_m], -1
         sets_out = phases.phase is SwarmPhase.TRANSIT and phases.elapsed_s(now_s) <= TOLD_S
         if sets_out and dest_ned_m is not None and self._way_ned_m:
             self._way_ned_m = [*self._way_ned_m[: 1 + phases.stop], add(pos_ned_m, dest_ned_m)]
+            self._way_stop = phases.stop
 
-    def _is_beside(self, pos_ned_m: Vec3) -> bool:
-        """By the own odometry it is farther from the way, there and back, than a formation is wide."""
-        if len(self._way_ned_m) < 2:
+    def _is_beside(self, pos_ned_m: Vec3, stop: int) -> bool:
+        """By the own odometry it is farther from the way, there and back, than a formation is wide.
+
+        Nobody is, where it was not told where the way to this visit leads.
+        """
+        if self._way_stop != stop:
             return False
         before = self._way_ned_m[-1]
         least_m = math.inf

@@ -12,14 +12,13 @@ from collections.abc import Sequence
 from typing import Final, final
 
 from companion.core.guidance.formation import GOVERNOR_FULL, Route
+from companion.core.localisation.destination import honest_gap_m
 from companion.core.model.beacon import Beacon
 from companion.core.model.neighbour import Neighbour
-from companion.core.model.vectors import dot, norm, scale, sub
+from companion.core.model.vectors import dot, median, norm, scale, sub
 from mission.common.frames import Vec3
 
 REF_OFF_MPS: Final = 1.0  # a change of the leader's speed is handed down within a period or two
-DEST_OFF_M: Final = 8.0  # estimates of a GNSS-denied swarm differ by less, but for what they say of themselves
-STATED_ERROR_MAX_M: Final = 10.0  # more of what one says of its own error excuses nothing
 LEAST_COST: Final = 1.0  # of a route that has a hop
 STANDS: Final = 0.05  # of the speed: who allows no more holds all
 PATIENCE_S: Final = 30.0  # with one that holds all: less than a leader takes to land a swarm that gets nowhere
@@ -41,17 +40,17 @@ def find_contradicting(route: Route, neighbours: Sequence[Neighbour], leader: in
     others = [n for n in route.up if n.id != leader and _follows(n, leader)]
     if not others or (its is None and len(others) < 3):
         return 0
-    ref = its.beacon.ref_ned_mps if its is not None else _median([n.beacon.ref_ned_mps for n in others])
+    ref = its.beacon.ref_ned_mps if its is not None else median([n.beacon.ref_ned_mps for n in others])
     off = {n.id: _off_course_mps(n.beacon.ref_ned_mps, ref) / REF_OFF_MPS for n in others}
     dests = [(n, n.dest_ned_m) for n in others if n.dest_ned_m is not None]
     dest = None if its is None else its.dest_ned_m
     its_error_m = 0.0 if its is None else its.beacon.position_error_m
     if dest is None and len(dests) >= 3:
-        dest = _median([vector for _, vector in dests])
+        dest = median([vector for _, vector in dests])
     if dest is not None:
         for told, vector in dests:
-            limit_m = DEST_OFF_M + min(its_error_m + told.beacon.position_error_m, STATED_ERROR_MAX_M)
-            off[told.id] = max(off[told.id], norm(sub(vector, dest)) / limit_m)
+            gap_m = honest_gap_m(its_error_m, told.beacon.position_error_m)
+            off[told.id] = max(off[told.id], norm(sub(vector, dest)) / gap_m)
     farthest = max(off, key=lambda vehicle: off[vehicle])
     return farthest if off[farthest] > 1.0 else 0
 
@@ -67,13 +66,6 @@ def _off_course_mps(ref_ned_mps: Vec3, course_ned_mps: Vec3) -> float:
     length2 = dot(course_ned_mps, course_ned_mps)
     share = max(0.0, min(1.0, dot(ref_ned_mps, course_ned_mps) / length2)) if length2 > 0.0 else 0.0
     return norm(sub(ref_ned_mps, scale(course_ned_mps, share)))
-
-
-def _median(vectors: Sequence[Vec3]) -> Vec3:
-    """Component by component: the lower one of two in the middle."""
-    middle = (len(vectors) - 1) // 2
-    x, y, z = (sorted([v[k] for v in vectors])[middle] for k in range(3))
-    return (x, y, z)
 
 
 @final

@@ -49,7 +49,8 @@ def set_out(flies: Mission = MISSION) -> tuple[LeadWatch, Phases]:
     phases.adopt_phase(SwarmPhase.GATHER, 0.0)
     assert watch.find_fault(START, None, phases, 0.0, follows=True) == ""
     phases.adopt_phase(SwarmPhase.TRANSIT, 1.0)
-    assert watch.find_fault(START, FIRST, phases, 1.0, follows=True) == ""
+    for now_s in (1.0, 1.1):
+        assert watch.find_fault(START, FIRST, phases, now_s, follows=True) == ""
     return watch, phases
 
 
@@ -82,7 +83,8 @@ def test_way_back_to_where_it_set_out_counts_as_the_way_too() -> None:
     there = add(START, FIRST)
     assert watch.find_fault(there, None, phases, 30.0, follows=True) == ""
     phases.adopt_phase(SwarmPhase.TRANSIT, 60.0, 1)
-    assert watch.find_fault(there, (-160.0, 120.0, 0.0), phases, 60.0, follows=True) == ""
+    for now_s in (60.0, 60.1):
+        assert watch.find_fault(there, (-160.0, 120.0, 0.0), phases, now_s, follows=True) == ""
     second = add(there, (-160.0, 120.0, 0.0))
     sides = [(START, there), (there, second), (second, START)]
     for a, b in sides:
@@ -109,7 +111,7 @@ def test_without_a_way_that_was_told_nobody_leaves_it() -> None:
     phases.adopt_phase(SwarmPhase.TRANSIT, 1.0)
     for k in range(40):
         assert watch.find_fault(at(50.0, 200.0), None, phases, 1.0 + 0.1 * k, follows=True) == ""
-    # what comes later than a second is no word of when it set out
+    # what comes later than two seconds is no word of when it set out
     assert watch.find_fault(at(50.0, 200.0), FIRST, phases, 9.0, follows=True) == ""
     assert [watch.find_fault(at(50.0, 400.0), None, phases, 9.0, follows=True) for _ in range(40)] == [""] * 40
 
@@ -241,16 +243,34 @@ def test_leaders_own_word_is_its_last_beacon_while_that_is_fresh() -> None:
     assert watch.find_own_word(1, 1.0 + 0.1 * APART_PERIODS + 1e-6) is None
 
 
-def test_where_it_leads_is_what_was_told_last_in_the_first_second() -> None:
+@pytest.mark.parametrize("until_s", [1.0, 2.1])
+def test_where_it_leads_is_what_was_told_last_in_the_first_two_seconds(until_s: float) -> None:
+    """One that hands down what is not so is found after 1.1 s."""
     watch, phases = LeadWatch(MISSION), Phases(MISSION)
     phases.adopt_phase(SwarmPhase.GATHER, 0.0)
     watch.find_fault(START, None, phases, 0.0, follows=True)
     phases.adopt_phase(SwarmPhase.TRANSIT, 1.0)
-    watch.find_fault(START, (0.0, 900.0, 0.0), phases, 1.0, follows=True)  # not so,
-    watch.find_fault(START, FIRST, phases, 1.5, follows=True)  # and taken back
+    for k in range(round((until_s - 1.0) * 10.0) + 1):
+        watch.find_fault(START, (0.0, 900.0, 0.0), phases, 1.0 + 0.1 * k, follows=True)  # not so,
+    watch.find_fault(START, FIRST, phases, until_s + 0.1, follows=True)  # and taken back
+    on = [watch.find_fault(at(90.0, 0.0), None, phases, 3.1 + 0.1 * k, follows=True) for k in range(LEFT_PERIODS + 2)]
+    assert not any(on)
     beside = add(START, (0.0, 300.0, 0.0))
-    found = [watch.find_fault(beside, None, phases, 3.0 + 0.1 * k, follows=True) for k in range(LEFT_PERIODS + 2)]
+    found = [watch.find_fault(beside, None, phases, 6.0 + 0.1 * k, follows=True) for k in range(LEFT_PERIODS + 2)]
     assert found[-1] == "leaves the way"
+
+
+def test_where_the_way_to_a_visit_was_not_told_nobody_leaves_it() -> None:
+    """What is told in the first period is still of the visit before: its vector has not been replaced."""
+    watch, phases = set_out(STOPS)
+    there = add(START, FIRST)
+    phases.adopt_phase(SwarmPhase.COVERAGE, 30.0)
+    watch.find_fault(there, (0.0, 0.0, 0.0), phases, 30.0, follows=True)
+    phases.adopt_phase(SwarmPhase.TRANSIT, 60.0, 1)
+    watch.find_fault(there, (0.0, 0.0, 0.0), phases, 60.0, follows=True)
+    on = add(there, (-160.0, 120.0, 0.0))
+    found = [watch.find_fault(on, None, phases, 60.1 + 0.1 * k, follows=True) for k in range(2 * LEFT_PERIODS)]
+    assert not any(found)
 
 
 def test_who_follows_anew_has_all_of_the_periods_anew() -> None:

@@ -230,7 +230,8 @@ def test_a_leader_that_leads_away_is_given_up_by_the_own_odometry() -> None:
     sets_out = picture(
         now_s=1.0, own=Position(ZERO, ZERO, None), state=FlightState.TRANSIT, airborne=True, dest_ned_m=(80.0, 0.0, 0.0)
     )
-    assert judge.run_period(sets_out, election, phases, is_held=False) == []
+    for _ in range(2):
+        assert judge.run_period(sets_out, election, phases, is_held=False) == []
     on_the_way = [
         judge.run_period(own_picture(2.0, (40.0, 5.0, 0.0)), election, phases, is_held=False) for _ in range(30)
     ]
