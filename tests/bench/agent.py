@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import statistics
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from companion.core.model.states import SwarmPhase
 from mission.document.load import dump_mission, load_mission
@@ -22,6 +23,7 @@ from tests.bench.table import Row, spread
 
 STARTS = 9
 LIMIT_MB = {"executed": 12.0, "forked": 5.0}
+RAW = {"sensor": "scan-1deg", "range_m": 12.0, "rate_hz": 10.0}
 WATCHED_S = 25.0  # of flight: a busy machine may take longer for it
 
 
@@ -48,7 +50,9 @@ def agent() -> Iterator[Row]:
     yield memory_row("forked", "in flight, n = 8", memory_mb)
     yield share_row("n = 8", shares, most=0.005)
     shares, _ = in_flight("through_trees", 12, STUDIES, SwarmPhase.TRANSIT)
-    yield share_row("n = 12, on the way through 400 trees/ha", shares, most=0.03)
+    yield share_row("n = 12, on the way through 400 trees/ha, sectors", shares, most=0.03)
+    shares, _ = in_flight("through_trees", 12, STUDIES, SwarmPhase.TRANSIT, RAW)
+    yield share_row("the same, raw scans of 1 degree, 10 turns a second", shares, most=0.03)
 
 
 def memory_row(how: str, when: str, found_mb: Sequence[float]) -> Row:
@@ -84,7 +88,9 @@ def _start(file: Path, forks: ForkClient, *, executed: bool) -> Started:
         return Started(cpu_s([companion.process.pid]), private_mb(companion.process.pid))
 
 
-def in_flight(name: str, n: int, folder: Path, phase: SwarmPhase) -> tuple[list[float], list[float]]:
+def in_flight(
+    name: str, n: int, folder: Path, phase: SwarmPhase, sensing: Mapping[str, Any] | None = None
+) -> tuple[list[float], list[float]]:
     """Of each companion, WATCHED_S long from `phase` on: CPU time a second of flight; then its private memory, MB."""
     before_s: dict[int, float] = {}
     shares: list[float] = []
@@ -103,7 +109,7 @@ def in_flight(name: str, n: int, folder: Path, phase: SwarmPhase) -> tuple[list[
             memory_mb.extend(private_mb(pid) for pid in pids.values())
             raise KeyboardInterrupt
 
-    flight(name, n, 1, folder=folder, factor=1.0, watch=look)
+    flight(name, n, 1, folder=folder, factor=1.0, watch=look, sensing=sensing)
     return shares, memory_mb
 
 

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -121,8 +121,12 @@ def flight(
     folder: Path = EXAMPLES,
     factor: float | None = None,
     watch: Callable[[fly.Flight], None] | None = None,
+    sensing: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """metrics.json's content of one flight."""
-    mission: Mission = load_mission(folder / f"{name}.toml").with_size(n).with_seed(seed).with_origin(DEFAULT_ORIGIN)
+    """metrics.json's content of one flight. `sensing`: keys of that table, instead of the file's."""
+    tables = load_mission(folder / f"{name}.toml").model_dump(mode="json", by_alias=True)
+    if sensing is not None:
+        tables["sensing"] |= sensing
+    mission: Mission = Mission.model_validate(tables).with_size(n).with_seed(seed).with_origin(DEFAULT_ORIGIN)
     with tempfile.TemporaryDirectory() as run, Progress(io.StringIO()) as progress:
         return fly.fly(mission, Path(run), progress, factor=factor, watch=watch).summary
