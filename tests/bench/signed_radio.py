@@ -1,13 +1,15 @@
 """A signed radio: what is forged or sent again, by the million; what it costs a companion, and the air.
 
-Frames are those of two guards that have met. The cost is CPU time of one companion's exact traffic, replayed with keys
-and without in one run; who is listened to, and from when on, is drawn.
+Frames are those of two guards that have met. One that speaks as another has all of a member's keys but that one's own:
+how long until it is found, from drawn moments on. The cost is CPU time of one companion's exact traffic, replayed with
+keys and without in one run; who is listened to, and from when on, is drawn.
 """
 
 from __future__ import annotations
 
 import argparse
 import gc
+import math
 import random
 import statistics
 import tempfile
@@ -18,7 +20,7 @@ from pathlib import Path
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.own_messages import decode_beacon
-from companion.mavlink.peers.frame_mac import TIMESTAMP_MAX, seal, timestamp_of
+from companion.mavlink.peers.frame_mac import TIMESTAMP_MAX, UNITS_PER_S, seal, timestamp_of
 from companion.mavlink.peers.session import open_session
 from mission.document.load import load_mission
 from mission.document.model import Mission
@@ -29,6 +31,7 @@ from sim_bridge.options.study import positive
 from sim_bridge.world.world import DEFAULT_ORIGIN, World
 from tests.bench.flights import EXAMPLES
 from tests.bench.live import answers_of, point_masses
+from tests.unit.core.core_kit import lease
 from tests.unit.mavlink.signing_kit import MISSION, PERIOD_S, Node, beacon_frame, exchange, keyring, met
 
 BEFORE_TICKS, TICKS = 900, 300  # as tests.bench.tick: on the ground, assembling, departing
@@ -36,6 +39,14 @@ ROUNDS = 7
 RECORDED = 200  # frames that are sent again
 EPOCH = 0
 RING_M = 0.95  # of the ring's radius a vehicle: there is room for all
+RING_MAX = 25  # vehicles on it inside the example's fence; more fly without coverage and polygon
+LOSSES = (0.0, 0.3, 0.5)  # of datagrams, the impostor's too
+IMPOSTORS = {  # whether it goes on with each beacon period, how far ahead of its time its frames are stamped
+    "one frame": (False, 0.0),
+    "with each beacon": (True, 0.0),
+    "the same, 2.9 s ahead": (True, 2.9),  # 3 s are taken
+}
+GIVEN_UP_S = 20.0  # a manifest names the frames of 2 s
 
 Frames = Callable[[random.Random], bytes]
 
@@ -95,6 +106,52 @@ def _takes(node: Node, frame: bytes, now_s: float) -> bool:
     return fields is not None and node.guard.admits(frame, now_s, decode_beacon(frame[5], fields))
 
 
+# --- a member that speaks as another ---
+
+
+def impersonate(draws: int, seed: int) -> int:
+    """A row for each way and loss; how often a word that was not its sender's counted."""
+    counted = 0
+    print("\n| as another | loss | drawn | found after, s: median | most | never | words not its own that counted |")
+    print("|---|---|---|---|---|---|---|")
+    for name, (goes_on, ahead_s) in IMPOSTORS.items():
+        for loss in LOSSES:
+            rng = random.Random(f"{seed} {name} {loss}")
+            drawn = [_found_after_s(rng, loss, goes_on=goes_on, ahead_s=ahead_s) for _ in range(draws)]
+            found_s = [after_s for after_s, _ in drawn if math.isfinite(after_s)]
+            words = sum(count for _, count in drawn)
+            seen = f"{statistics.median(found_s):.2f} | {max(found_s):.2f}" if found_s else "- | -"
+            print(f"| {name} | {loss:.0%} | {draws} | {seen} | {draws - len(found_s)} | {words} |", flush=True)
+            counted += words
+    return counted
+
+
+def _found_after_s(rng: random.Random, loss: float, *, goes_on: bool, ahead_s: float) -> tuple[float, int]:
+    """From the first frame as vehicle 1 that vehicle 2 takes until it says so, infinite: not; and words that counted.
+
+    Each time a frame with vehicle 1's own word, and one with another.
+    """
+    (one, two), now_s = met(1, 2)
+    key = open_session(keyring(3), 3, MISSION, 1003).stream_key(EPOCH, 1, 1001) or b""
+    from_s, first_s, words = now_s + rng.uniform(1.0, 5.0), math.inf, 0
+    late_s = rng.uniform(0.001, PERIOD_S - 0.001)  # after vehicle 1's beacon
+    while now_s < min(first_s, from_s + GIVEN_UP_S) + GIVEN_UP_S:
+        frames = one.send(now_s)
+        if rng.random() >= loss:
+            two.receive(frames, now_s)
+        if two.guard.refused["disowned"]:
+            return now_s - first_s, words
+        if now_s >= from_s and (goes_on or first_s == math.inf) and rng.random() >= loss:
+            at_s = now_s + late_s
+            stamp = int((at_s + ahead_s) * UNITS_PER_S)
+            false = [(stamp, beacon_frame(1)), (stamp + 1, beacon_frame(1, lease=lease(3, 9)))]
+            taken = two.receive([seal(frame, key, EPOCH, at) for at, frame in false], at_s)
+            first_s = min(first_s, at_s) if taken else first_s
+            words += sum(believed for _, believed in taken[1:])
+        now_s = round(now_s + PERIOD_S, 6)
+    return math.inf, words
+
+
 # --- what it costs ---
 
 
@@ -121,6 +178,8 @@ def cost(size: int, seed: int) -> None:
     """A row: a tick with keys and without, and the bytes that a vehicle sends."""
     values = load_mission(EXAMPLES / "lone_tree.toml").model_dump(by_alias=True)
     values["coverage"]["radius_m"] = max(values["coverage"]["radius_m"], RING_M * size)
+    if size > RING_MAX:
+        values["coverage"]["duration_s"], values["fence"]["polygon_enu_m"] = 0.0, None
     mission = Mission.model_validate(values).with_size(size).with_seed(seed).with_origin(DEFAULT_ORIGIN)
     rng = random.Random(seed)
     listened = rng.randrange(1, size + 1)
@@ -185,9 +244,12 @@ def live_cost(size: int, rounds: int) -> None:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Exit code 1 when a frame was taken."""
+    """Exit code 1 when a frame was taken, or a word of an impostor counted."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench signed-radio", description=__doc__)
     parser.add_argument("--frames", type=int, default=1_000_000, metavar="N", help="of each kind (default: 10^6)")
+    parser.add_argument(
+        "--impostors", type=int, default=200, metavar="N", help="drawn of each way and loss (default: 200; 0: none)"
+    )
     parser.add_argument("--sizes", type=positive, nargs="*", default=[4, 12, 24], metavar="N", help="vehicles")
     parser.add_argument("--seed", type=int, default=9000, metavar="S")
     parser.add_argument(
@@ -198,6 +260,7 @@ def main(argv: Sequence[str]) -> int:
     )
     args = parser.parse_args(argv)
     taken = attack(args.frames, args.seed) if args.frames else 0
+    taken += impersonate(args.impostors, args.seed) if args.impostors else 0
     print("\n| vehicles | a tick, unsigned | signed | ratio | bytes a second, unsigned | signed |")
     print("|---|---|---|---|---|---|")
     for at, size in enumerate(args.sizes):

@@ -15,7 +15,7 @@ import pytest
 
 from mission.common.exit_codes import EXIT_ENVIRONMENT
 from sim_bridge.judge import progress
-from tests.bench import hashes, speed
+from tests.bench import hashes, signed_radio, speed
 from tests.bench.__main__ import PROGRAMS, _next, main
 from tests.bench.hashes import FLIGHTS, Hashes, difference, read, seeds, table
 from tests.bench.other_simulators import ENTRANTS, HERE
@@ -203,3 +203,16 @@ def test_without_the_development_tools_it_says_what_installs_them() -> None:
     done = subprocess.run([sys.executable, "-c", code, "--help"], capture_output=True, text=True, check=False)
     told = "tests.bench: the development tools are missing: `make dev` installs them\n"
     assert (done.returncode, done.stdout, done.stderr) == (EXIT_ENVIRONMENT, "", told)
+
+
+def test_an_impostors_words_count_nowhere_and_each_way_has_a_row(capsys: pytest.CaptureFixture[str]) -> None:
+    assert signed_radio.main(["--frames", "0", "--sizes", "--live", "--impostors", "2"]) == 0
+    rows = [
+        line.split(" | ")
+        for line in capsys.readouterr().out.splitlines()
+        if line.startswith(("| one", "| with", "| the"))
+    ]
+    assert len(rows) == len(signed_radio.IMPOSTORS) * len(signed_radio.LOSSES)
+    at_once = next(row for row in rows if row[0] == "| with each beacon" and row[1] == "0%")
+    assert float(at_once[4]) <= 1.1  # the next manifest
+    assert at_once[5:] == ["0", "0 |"]
