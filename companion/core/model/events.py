@@ -10,6 +10,8 @@ from companion.core.model.stand import RecordsWaiting, StandMeasured
 from companion.core.model.states import AutopilotTraits, FlightMode, LandedState, Order, Request, Result
 from mission.common.frames import Vec3
 
+CLOCKS_PART_S: Final = 1.0  # a time that went on by more, against what was heard, is another clock's
+
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
 class HeardBeacon:
@@ -61,6 +63,17 @@ class Position:
         self.pos_ned_m = pos_ned_m
         self.vel_ned_mps = vel_ned_mps
         self.boot_s = boot_s
+
+    def since_s(self, before: Position, heard_s: float) -> float:
+        """Time since the reading before, which was heard `heard_s` earlier; >= 0.
+
+        By the autopilot's own time where both tell it: a burst was not measured at once.
+        """
+        if self.boot_s is not None and before.boot_s is not None:
+            since_s = self.boot_s - before.boot_s
+            if 0.0 <= since_s <= heard_s + CLOCKS_PART_S:
+                return since_s
+        return max(0.0, heard_s)
 
 
 class Scan:

@@ -51,13 +51,12 @@ class ScanOdometry:
         "_cov",
         "_kind",
         "_missed",
-        "_pos_m",
         "_scanned_s",
         "_thick_m",
+        "_told",
         "_told_s",
         "_tracks",
         "_turns_with_yaw",
-        "_vel_mps",
         "_walls",
         "_yaw_rad",
         "corrected_along",
@@ -95,9 +94,8 @@ class ScanOdometry:
         self.fixed_m2 = 0.0  # variance of the shift then, of the worse axis
         # Covariance of shift north, east, turn, frame: 16 numbers, by rows
         self._cov: list[float] = [0.0] * 16
-        self._pos_m: tuple[float, float] | None = None  # reported last
-        self._vel_mps: tuple[float, float] = (0.0, 0.0)
-        self._told_s = -math.inf
+        self._told: Position | None = None  # reported last
+        self._told_s = -math.inf  # when it came
         self._scanned_s = -math.inf
         self._yaw_rad = 0.0
         self._missed = 0
@@ -135,20 +133,19 @@ class ScanOdometry:
 
     def receive_position(self, own: Position, now_s: float) -> None:
         """A reported position: its way since the last is the odometry's, turned as far as is known."""
-        north, east = own.pos_ned_m[0], own.pos_ned_m[1]
-        vel = (own.vel_ned_mps[0], own.vel_ned_mps[1])
-        before, since_s = self._pos_m, now_s - self._told_s
-        changed_mps = math.hypot(vel[0] - self._vel_mps[0], vel[1] - self._vel_mps[1])
-        mean = (0.5 * (vel[0] + self._vel_mps[0]), 0.5 * (vel[1] + self._vel_mps[1]))
-        self._pos_m, self._vel_mps, self._told_s = (north, east), vel, now_s
+        before, heard_s = self._told, now_s - self._told_s
+        self._told, self._told_s = own, now_s
         if before is None or not (self._tracks.trunks or self._walls.walls):
             return
-        dn, de = north - before[0], east - before[1]
+        if heard_s > GAP_S:
+            self.restart(now_s)
+            return
+        since_s, vel, was = own.since_s(before, heard_s), own.vel_ned_mps, before.vel_ned_mps
+        changed_mps = math.hypot(vel[0] - was[0], vel[1] - was[1])
+        mean = (0.5 * (vel[0] + was[0]), 0.5 * (vel[1] + was[1]))
+        dn, de = own.pos_ned_m[0] - before.pos_ned_m[0], own.pos_ned_m[1] - before.pos_ned_m[1]
         off_n, off_e = dn - mean[0] * since_s, de - mean[1] * since_s
-        if since_s > GAP_S or math.hypot(off_n, off_e) > JUMP_M + 0.5 * changed_mps * since_s:
-            if since_s > GAP_S:
-                self.restart(now_s)
-                return
+        if math.hypot(off_n, off_e) > JUMP_M + 0.5 * changed_mps * since_s:
             self.shift_m = (self.shift_m[0] - off_n, self.shift_m[1] - off_e)
             dn, de = dn - off_n, de - off_e
         if self._turns_with_yaw and self.turn_rad != 0.0:
@@ -249,14 +246,14 @@ class ScanOdometry:
             sighting.place_stem(turn_rad, (shift_n, shift_e), radius_m)
         for wall in walls:
             wall.place(turn_rad, (shift_n, shift_e))
-        if frame_rad != 0.0 and self._pos_m is not None:
+        if frame_rad != 0.0 and self._told is not None:
             self._turn_frame(sightings, walls, frame_rad)
         return len(good)
 
     def _turn_frame(self, sightings: Sequence[Sighting], walls: Sequence[WallSighting], frame_rad: float) -> None:
         """The trunks' frame turned out to be turned by so much: turn it back, about the vehicle."""
-        assert self._pos_m is not None
-        north_m, east_m = self._pos_m[0] + self.shift_m[0], self._pos_m[1] + self.shift_m[1]
+        assert self._told is not None
+        north_m, east_m, _ = self.correct_place(self._told.pos_ned_m)
         self._tracks.turn_about(north_m, east_m, -frame_rad)
         self._walls.turn_about(north_m, east_m, -frame_rad)
         for wall in walls:

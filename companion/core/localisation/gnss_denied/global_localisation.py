@@ -136,7 +136,7 @@ class GlobalLocalisation:
     def split_position(self, told: Position, now_s: float, *, airborne: bool) -> Position:
         """A told position; the same by the odometer. Heights stay as told. `note_flown` is next."""
         before, self._told = self._told, told
-        self._since_s = _since_s(before, told, now_s - self._read_s)
+        self._since_s = 0.0 if before is None else told.since_s(before, now_s - self._read_s)
         self._read_s = now_s
         self._flown |= airborne
         if not self._receives:
@@ -286,12 +286,3 @@ class GlobalLocalisation:
         if not said.used or now_s - self._heard_s > FRESH_S:
             return Reception.NONE
         return Reception.GOOD if said.sd_m <= GOOD_SD_M else Reception.POOR
-
-
-def _since_s(before: Position | None, told: Position, heard_s: float) -> float:
-    """Between two readings, by the autopilot's own time where it tells it: a burst was not measured in one."""
-    if before is None:
-        return 0.0
-    if before.boot_s is not None and told.boot_s is not None and 0.0 <= told.boot_s - before.boot_s <= heard_s + 1.0:
-        return told.boot_s - before.boot_s
-    return max(0.0, heard_s)
