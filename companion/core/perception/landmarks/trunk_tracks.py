@@ -23,7 +23,7 @@ WANDERS_M2_PER_S: Final = 0.02 * 0.02  # the side that is seen goes round
 RADIUS_FOLLOW: Final = 0.1
 UNSEEN_S: Final = 6.0  # until it is forgotten
 UNPROVEN_S: Final = 0.5  # and one that is not good: what moves leaves a trail of them
-TRACKS_MAX: Final = 64
+TRACKS_MAX: Final = 192  # twice the stems of a turn: those that were passed are kept for UNSEEN_S
 
 
 @final

@@ -236,6 +236,10 @@ class _Track:
             self.is_free = came or scan.sees_beyond(self.born_north_m, self.born_east_m, EMPTY_M)
 
 
+def _surface_m_of(sighting: Sighting) -> float:
+    return sighting.stem.surface_m
+
+
 def _variances_m2(sighting: Sighting) -> tuple[float, float]:
     """Variances of a stem's place along its bearing, and across it."""
     along_m, across_m = sighting.stem.along_sd_m, sighting.stem.across_sd_m
@@ -265,6 +269,7 @@ class VehicleTracks:
         for track in self._tracks:
             track.advance(now_s)
         taken: list[_Track] = []
+        new: list[Sighting] = []
         for sighting in sightings:
             nearest = self._find_nearest(sighting, taken)
             if nearest is not None:
@@ -272,10 +277,12 @@ class VehicleTracks:
                 nearest.check_free(scan)
                 nearest.note_motion(now_s, hovering, heard)
                 taken.append(nearest)
-            elif len(self._tracks) < TRACKS_MAX:
-                track = _Track(sighting, scan, now_s)
-                self._tracks.append(track)
-                taken.append(track)
+            else:
+                new.append(sighting)
+        room = TRACKS_MAX - len(self._tracks)
+        if len(new) > room:
+            new.sort(key=_surface_m_of)
+        self._tracks += [_Track(sighting, scan, now_s) for sighting in new[:room]]
 
     def places(self) -> list[Vec3]:
         """Positions of the vehicles as of the last scan, in the tracks' frame: no trunks are there."""

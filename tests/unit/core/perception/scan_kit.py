@@ -26,6 +26,12 @@ def range_to(stems: Sequence[Stem], eye: tuple[float, float], bearing_rad: float
     return nearest_m if nearest_m <= max_m else math.inf
 
 
+def ring(count: int, away_m: float, radius_m: float = 0.1) -> list[Stem]:
+    """Stems at equal distances round the origin, the first of them north of it."""
+    step = math.tau / count
+    return [(away_m * math.cos(k * step), away_m * math.sin(k * step), radius_m) for k in range(count)]
+
+
 def level_scan(
     stems: Sequence[Stem],
     eye: tuple[float, float] = (0.0, 0.0),
@@ -33,13 +39,14 @@ def level_scan(
     turned_rad: float = 0.0,
     rays: int = 360,
     gone_m: tuple[float, float] = (0.0, 0.0),
+    max_m: float = 12.0,
 ) -> LevelScan:
     """One turn that ends at a place. `turned_rad`: by which its reported yaw is too large; `gone_m`: meanwhile."""
     scan = LevelScan(math.tau / rays)
     for k in range(rays):
         bearing, left = k * math.tau / rays, (k + 1 - rays) / rays
         at = (eye[0] + left * gone_m[0], eye[1] + left * gone_m[1])
-        scan.add_ray(bearing + turned_rad, range_to(stems, at, bearing, 12.0), *at)
+        scan.add_ray(bearing + turned_rad, range_to(stems, at, bearing, max_m), *at)
     return scan
 
 

@@ -13,7 +13,7 @@ from companion.core.perception.landmarks.trunk_tracks import TRACKS_MAX
 from companion.core.perception.own_motion import FADES_S, OwnMotion
 from companion.core.perception.scan_odometry import FRESH_S, ScanOdometry
 from mission.common.frames import Vec3
-from tests.unit.core.perception.scan_kit import FINE, SECTORS, Stem, level_scan
+from tests.unit.core.perception.scan_kit import FINE, SECTORS, Stem, level_scan, ring
 
 STEP_S = 0.1
 Course = Callable[[float], tuple[float, float]]
@@ -242,6 +242,14 @@ def test_a_neighbour_far_off_is_no_trunk_though_the_heading_places_it_beside_its
     fly(flight, 3.0)
     assert flight.motion.velocity_bias_ne_mps is None
     assert not flight.motion.odometry.is_corrected(flight.now_s)
+
+
+def test_all_trunks_of_a_dense_stand_are_tracked() -> None:
+    motion = ScanOdometry(FINE)
+    for k in range(8):
+        motion.receive_position(Position((0.0, 0.0, -4.0), (0.0, 0.0, 0.0)), 0.1 * k)
+        motion.integrate_scan(level_scan(ring(90, 16.0, 0.15), rays=1440, max_m=20.0), 0.0, (), 0.1 * k)
+    assert sum(trunk.is_good for trunk in motion.trunks) == 90
 
 
 def test_tracks_are_bounded() -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import pytest
 
-from companion.core.perception.landmarks.stem_clusters import CLUSTERS_MAX, Stem, find_stems
+from companion.core.perception.landmarks.stem_clusters import STEMS_MAX, Stem, find_stems
 from companion.core.perception.level_scan import LevelScan
-from tests.unit.core.perception.scan_kit import FINE, SECTORS, level_scan
+from tests.unit.core.perception.scan_kit import FINE, SECTORS, level_scan, ring
 
 
 def axis_of(stem: Stem) -> tuple[float, float]:
@@ -109,6 +110,17 @@ def test_a_scan_of_nothing_and_one_of_nothing_measured_have_no_stems() -> None:
     assert find_stems(LevelScan(1.0), FINE) == []
 
 
-def test_no_more_stems_are_taken_than_are_bounded() -> None:
-    ring = [(7.0 * math.cos(k * math.tau / 60), 7.0 * math.sin(k * math.tau / 60), 0.05) for k in range(60)]
-    assert len(find_stems(level_scan(ring, rays=720), FINE)) <= CLUSTERS_MAX
+def test_a_dense_stand_has_stems_on_all_sides() -> None:
+    """The first 48 in the order of the scan were read, and nothing beyond 290 degrees."""
+    stems = find_stems(level_scan(ring(60, 11.0), rays=720), FINE)
+    assert len(stems) == 60
+    assert max(stem.bearing_rad % math.tau for stem in stems) > math.radians(353.0)
+
+
+def test_of_more_stems_than_are_bounded_the_nearest_are_taken_in_the_order_of_the_scan() -> None:
+    near, far = ring(10, 9.0, 0.3), ring(110, 20.0, 0.15)
+    stems = find_stems(level_scan([*near, *far], rays=1440, max_m=25.0), FINE)
+    assert 80 < len(stems) <= STEMS_MAX
+    assert sum(stem.surface_m < 10.0 for stem in stems) == 10
+    bearings = [stem.bearing_rad % math.tau for stem in stems]
+    assert sum(after < before for before, after in pairwise(bearings)) <= 1  # where it goes on round

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 
 import pytest
@@ -18,7 +18,7 @@ from companion.core.perception.vehicles.vehicle_tracks import STANDS_S, TRACKS_M
 from companion.core.safety.safety_filter import SafetyFilter
 from companion.core.safety.surroundings import Surroundings
 from tests.unit.core.core_kit import mission, neighbour
-from tests.unit.core.perception.scan_kit import FINE, SECTORS, Stem, level_scan, sectors
+from tests.unit.core.perception.scan_kit import FINE, SECTORS, Stem, level_scan, ring, sectors
 
 STEP_S = 0.1
 TRUNKS: list[Stem] = [(4.0, 6.0, 0.2), (-5.0, 4.0, 0.15), (6.0, -6.0, 0.25), (-4.0, -5.0, 0.2), (9.0, 1.0, 0.2)]
@@ -30,6 +30,8 @@ def watch(
     lasts_s: float = 2.0,
     peers: tuple[tuple[float, float, float], ...] = (),
     missed: Mapping[int, int] = MappingProxyType({}),
+    trunks: Sequence[Stem] = TRUNKS,
+    rays: int = 360,
 ) -> OwnMotion:
     """A vehicle that hovers among trunks, and sees a hull on that course. `missed`: turn -> ray not measured."""
     motion = OwnMotion(FINE, turns_with_yaw=False)
@@ -38,7 +40,7 @@ def watch(
         now_s = STEP_S * k
         hulls = [] if course is None else [(*course(now_s), 0.35)]
         motion.receive_position(own, now_s)
-        scan = level_scan([*TRUNKS, *hulls])
+        scan = level_scan([*trunks, *hulls], rays=rays)
         if k in missed:
             scan.ranges_m[missed[k]] = math.nan
         motion.integrate_turn(scan, 0.0, own, peers, now_s)
@@ -55,6 +57,20 @@ def test_a_hull_that_moves_is_a_vehicle_where_it_is_and_as_fast_as_it_is() -> No
     assert math.dist(seen.rel_ned_m[:2], crossing(2.0)) < 0.15
     assert math.dist(seen.vel_ned_mps, (0.0, -2.0, 0.0)) < 0.3
     assert seen.age_s == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("begins_s", [0.0, 2.0])
+def test_in_a_dense_stand_a_hull_is_known_on_every_side(side: float, begins_s: float) -> None:
+    """Of 60 trunks the first 48 were looked at, and of what is no good trunk yet the first 24, from north on."""
+
+    def passing(t: float) -> tuple[float, float]:
+        return (4.0, side * (5.5 - 2.0 * (t - begins_s))) if t > begins_s else (-50.0, 0.0)
+
+    motion = watch(passing, begins_s + 1.0, trunks=ring(60, 11.0), rays=720)
+    (seen,) = motion.vehicles.find_vehicles((0.0, 0.0, -4.0), (), begins_s + 1.0)
+    assert math.dist(seen.rel_ned_m[:2], passing(begins_s + 1.0)) < 0.15
+    assert len(motion.odometry.trunks) >= 58
 
 
 @pytest.mark.parametrize("ray", [89, 90, 91])
