@@ -35,6 +35,10 @@ class VelocityBias:
         self._off_m: Vec3 = ZERO  # of that from where the observer had it
         self._time_s: float | None = None
 
+    def begin_anew(self) -> None:
+        """Forgets the bias; the next position is taken for the first."""
+        self.ned_mps, self._time_s = ZERO, None
+
     def update(self, pos_ned_m: Vec3, vel_ned_mps: Vec3, time_s: float) -> None:
         """A told position and velocity; `time_s` by the teller's clock. Repeated or overtaken ones change nothing."""
         since_s = GAP_S if self._time_s is None else time_s - self._time_s

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from typing import Final, final
 
 from companion.core.model.events import Position
-from companion.core.model.vectors import ZERO
 from companion.core.model.velocity_bias import BANDWIDTH_PER_S, VelocityBias
 from companion.core.perception.landmarks.trunk_tracks import Sighting
 from companion.core.perception.level_scan import LevelScan, ScanClass
@@ -138,29 +137,37 @@ class OwnMotion:
             self._shift_then_m = None
         elif self._shift_then_m is None:
             self._shift_then_m = odometry.shift_m
-        if odometry.corrected_s == -math.inf:
-            return own
         placed = odometry.correct_place(own.pos_ned_m)
-        self._observer.bandwidth_per_s = CORRECTED_PER_S if odometry.is_corrected(now_s) else BANDWIDTH_PER_S
-        self._observer.update(placed, own.vel_ned_mps, now_s if own.boot_s is None else own.boot_s)
-        bias = self._observer.ned_mps
-        # More trunks than there are vehicles are no formation: then it is the estimator that is so wrong
-        may_err = reckons or odometry.corrected_by > self._others
-        if math.hypot(bias[0], bias[1]) > (RECKONS_BIAS_MAX_MPS if may_err else BIAS_MAX_MPS):
-            odometry.restart(now_s)
-            self._observer.ned_mps = bias = ZERO
-        is_fresh = now_s - odometry.corrected_s <= FADES_S
-        self.velocity_bias_ne_mps = (bias[0], bias[1]) if is_fresh else None
+        if odometry.corrected_s > -math.inf:
+            self._observe_velocity(placed, own, now_s, reckons=reckons)
         if not self._is_odometry:
             then_m = self._shift_then_m
             if then_m is None or then_m == odometry.shift_m:
                 return own
             return Position((placed[0] - then_m[0], placed[1] - then_m[1], placed[2]), own.vel_ned_mps, own.boot_s)
         vel = own.vel_ned_mps
-        if is_fresh:
+        if self.velocity_bias_ne_mps is not None:
             by_sight = self._as_far_as_seen((0.0, 0.0))
             vel = (vel[0] + by_sight[0], vel[1] + by_sight[1], vel[2])
         return Position(placed, vel, own.boot_s)
+
+    def _observe_velocity(self, placed: Vec3, own: Position, now_s: float, *, reckons: bool) -> None:
+        """By how the corrected position changes."""
+        odometry, observer = self.odometry, self._observer
+        observer.bandwidth_per_s = CORRECTED_PER_S if odometry.is_corrected(now_s) else BANDWIDTH_PER_S
+        observer.update(placed, own.vel_ned_mps, now_s if own.boot_s is None else own.boot_s)
+        bias = observer.ned_mps
+        # More trunks than there are vehicles are no formation: then it is the estimator that is so wrong
+        may_err = reckons or odometry.corrected_by > self._others
+        if math.hypot(bias[0], bias[1]) > (RECKONS_BIAS_MAX_MPS if may_err else BIAS_MAX_MPS):
+            odometry.disprove(now_s)
+            self._forget_velocity()
+        else:
+            self.velocity_bias_ne_mps = (bias[0], bias[1]) if now_s - odometry.corrected_s <= FADES_S else None
+
+    def _forget_velocity(self) -> None:
+        self._observer.begin_anew()
+        self.velocity_bias_ne_mps = None
 
     def integrate_turn(
         self,
@@ -181,6 +188,8 @@ class OwnMotion:
         heard = [(north + rel[0], east + rel[1], rel[2]) for rel in peers]
         at = [*heard, *self.vehicles.places(), *hovering]
         stems = self.odometry.integrate_scan(scan, yaw_rad, at, now_s, unheard=unheard)
+        if self.odometry.corrected_s == -math.inf:
+            self._forget_velocity()
         others = [one for one in stems if one.trunk is None or not one.trunk.is_good]
         self.vehicles.integrate_sightings(others, scan, now_s, hovering, heard)
         return stems

@@ -21,7 +21,7 @@ from companion.core.perception.landmarks.hulls import HULL_SHARE, is_heard_hull,
 from companion.core.perception.landmarks.stem_clusters import find_stems
 from companion.core.perception.landmarks.trunk_tracks import Sighting, Trunk, TrunkTracks, chi2_of, turned_about
 from companion.core.perception.landmarks.wall_segments import find_walls, mark_walls
-from companion.core.perception.landmarks.wall_tracks import WallSighting, WallTracks
+from companion.core.perception.landmarks.wall_tracks import WallSighting, WallTracks, one_direction
 from companion.core.perception.level_scan import LevelScan, ScanClass
 from mission.common.frames import Vec3
 
@@ -38,7 +38,6 @@ HUBER_CHI2: Final = 4.0  # beyond, a measurement counts less
 FRESH_S: Final = 0.5  # so long after trunks corrected it last the pose counts as corrected
 LEAST_TRUNKS: Final = 2  # seen again in a scan: one alone tells no turn
 EXPECTED_LEAST: Final = 4  # so many good trunks should be seen: then it is noticed when they are not
-CROSSED: Final = 0.5  # sine: two walls so far from one direction tell a whole place
 MATCHED_SHARE: Final = 0.3
 MISSED_MAX: Final = 5  # scans in a row without them: begin anew
 
@@ -237,7 +236,7 @@ class ScanOdometry:
             self.shift_m = (self.shift_m[0] + shift_n, self.shift_m[1] + shift_e)
             self.turn_rad += turn_rad
             self.corrected_s, self.corrected_by = now_s, len(found)
-            self.corrected_along = None if len(found) >= LEAST_TRUNKS else _one_direction(found_walls)
+            self.corrected_along = None if len(found) >= LEAST_TRUNKS else one_direction(found_walls)
             if self.corrected_along is None:
                 self.fixed_s, self.fixed_m2 = now_s, max(self._cov[0], self._cov[5])
         for sighting in sightings:
@@ -363,7 +362,7 @@ class ScanOdometry:
         if seen and expected >= EXPECTED_LEAST and matched < MATCHED_SHARE * expected:
             self._missed += 1
             if self._missed >= MISSED_MAX:
-                self.restart(now_s)
+                self.disprove(now_s)
         else:
             self._missed = 0
 
@@ -374,6 +373,12 @@ class ScanOdometry:
         self._missed = 0
         self._begin_frame(now_s)
 
+    def disprove(self, now_s: float) -> None:
+        """Begins as one that was never corrected, as its trunks move or are missing. The shift stays: nothing jumps."""
+        self.corrected_s = self.fixed_s = -math.inf
+        self.fixed_m2, self.corrected_by, self.corrected_along = 0.0, 0, None
+        self.restart(now_s)
+
     def _begin_frame(self, now_s: float) -> None:
         """Trunks that are seen next stand as the pose has them: to them it is exact, their frame errs as the yaw."""
         unseen_s = max(0.0, now_s - max(self.corrected_s, 0.0))
@@ -381,15 +386,6 @@ class ScanOdometry:
         self._cov = [0.0] * 16
         if not self._turns_with_yaw:
             self._cov[15] = min(FRAME_SD_RAD * FRAME_SD_RAD, frame_rad2)
-
-
-def _one_direction(walls: Sequence[WallSighting]) -> tuple[float, float] | None:
-    """The normal of walls that are all of one direction; None: two of them are not."""
-    first_rad = walls[0].normal_rad
-    for wall in walls:
-        if abs(math.sin(wall.normal_rad - first_rad)) > CROSSED:
-            return None
-    return math.cos(first_rad), math.sin(first_rad)
 
 
 def _chi2_of_sighting(sighting: Sighting) -> float:

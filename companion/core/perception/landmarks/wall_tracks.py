@@ -7,6 +7,7 @@ itself it tells nothing.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final, final
 
 from companion.core.perception.landmarks.wall_segments import WallSegment
@@ -25,6 +26,7 @@ UNSEEN_S: Final = 6.0
 UNPROVEN_S: Final = 0.5
 TRACKS_MAX: Final = 24
 ON_LINE_M: Final = 0.6  # off a wall's line: a piece of it, though no segment of its own
+CROSSED: Final = 0.5  # sine: two walls so far from one direction tell a whole place
 GOES_ON_M: Final = 8.0  # so far beyond what has been seen of it
 
 
@@ -184,3 +186,12 @@ class WallTracks:
             n, e = wall.north_m - north_m, wall.east_m - east_m
             wall.north_m, wall.east_m = north_m + cos * n - sin * e, east_m + sin * n + cos * e
             wall.normal_rad += turn_rad
+
+
+def one_direction(walls: Sequence[WallSighting]) -> tuple[float, float] | None:
+    """The normal of walls that are all of one direction; None: two of them are not."""
+    first_rad = walls[0].normal_rad
+    for wall in walls:
+        if abs(math.sin(wall.normal_rad - first_rad)) > CROSSED:
+            return None
+    return math.cos(first_rad), math.sin(first_rad)

@@ -183,15 +183,16 @@ def test_a_gap_of_seconds_begins_anew_and_ends_well() -> None:
 
 
 def test_trunks_that_are_all_missing_begin_the_map_anew() -> None:
-    """A heading that jumps by 40 degrees: what is expected is not there any more."""
+    """A heading that jumps by 40 degrees, and back: what is expected is not there any more."""
     flight = Flight(stand())
     fly(flight, 4.0)
     flight.yaw_off_rad = math.radians(40.0)
     fly(flight, 2.0)
-    flight.off_mps = (0.3, 0.0)
+    flight.yaw_off_rad, flight.off_mps = 0.0, (0.3, 0.0)
     fly(flight, 5.0)
     bias = flight.motion.velocity_bias_ne_mps
     assert bias is not None
+    assert math.dist(bias, (-0.3, 0.0)) < 0.06
 
 
 @pytest.mark.parametrize("speed_mps", [0.9, 2.0, 3.0])
