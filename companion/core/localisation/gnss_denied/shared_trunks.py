@@ -27,6 +27,8 @@ TELLS_MAX: Final = 12  # trunks in a message
 REMEMBERED_MAX: Final = 128
 SAME_M: Final = 0.6  # two sightings of one trunk, the later with the drift since; solitary ones stand farther apart
 FORGOTTEN_M: Final = 60.0  # own way since a trunk was seen: by then the odometry has drifted by 0.3 m
+NOTED_S: Final = 2.0  # ago at most: by then the odometer, which nothing corrects, has the own place 0.1 to 0.2 m off
+UNNOTED_MPS: Final = 6.0  # of way that counts as flown while nothing was noted for longer: that drifts by 0.3 m in 10 s
 WIDE_M: Final = 1.0  # a neighbour's place that is more uncertain wants more trunks
 UNCERTAIN_MAX_M: Final = 1.5  # and beyond, what is searched does not hold it
 AGREES_M: Final = 0.4  # two in a row that are one
@@ -92,12 +94,14 @@ class SharedTrunks:
 
     def note_trunks(self, seen: SolitaryTrunks, odo_ne_m: Level, now_s: float) -> None:
         """The own trunks in sight, and where this vehicle is among them. `odo_ne_m`: the own odometer there."""
-        self._noted_s, self._odo = now_s, odo_ne_m
+        unnoted_s, self._noted_s, self._odo = now_s - self._noted_s, now_s, odo_ne_m
         if seen.frame != self._frame:
             self._turn_frame(seen.frame)
         before, self._place = self._place, seen.place_ne_m
         if before is not None:
             self._way_m += math.dist(before, seen.place_ne_m)
+            if unnoted_s > NOTED_S:
+                self._way_m += UNNOTED_MPS * unnoted_s
         n, e = seen.place_ne_m
         for trunk in seen.trunks:
             self._remember(trunk)
@@ -135,10 +139,13 @@ class SharedTrunks:
     # --- neighbours' ---
 
     def receive_report(self, report: TrunkReport, ranging: RangingLocaliser, now_s: float) -> Alignment | None:
-        """A neighbour's trunks: measures where it is, once two in a row agree; returns what was measured."""
+        """A neighbour's trunks: measures where it is, once two in a row agree; returns what was measured.
+
+        Nothing is where the own trunks were noted longer than NOTED_S ago.
+        """
         sender, here = report.sender, self._place
         is_early = now_s - self._aligned_s.get(sender, -math.inf) < ALIGNS_S
-        if here is None or is_early or (ranging.is_lost and ranging.has_radio):
+        if here is None or now_s - self._noted_s > NOTED_S or is_early or (ranging.is_lost and ranging.has_radio):
             return None
         prior = _locate_sender(report, ranging, now_s)
         if prior is None:

@@ -78,6 +78,15 @@ def test_what_is_remembered_is_bounded_and_forgotten_with_the_way() -> None:
     assert len(shared._known) == REMEMBERED_MAX
 
 
+def test_trunks_from_before_a_time_without_sight_are_forgotten_as_after_a_way() -> None:
+    """The odometer drifted meanwhile, by more than by flying on among trunks."""
+    shared = looked([(5.0, 0.0, 0.3)])
+    shared.note_trunks(SolitaryTrunks([], (0.0, 0.0), UNTURNED), (0.0, 0.0), 5.0)
+    assert len(shared._known) == 1
+    shared.note_trunks(SolitaryTrunks([(0.0, 5.0, 0.3)], (0.0, 0.0), UNTURNED), (0.0, 0.0), 25.0)
+    assert [one.east_m for one in shared._known] == [5.0]
+
+
 def test_a_trunk_that_is_seen_again_is_where_it_is_seen_last() -> None:
     shared = looked([(5.0, 0.0, 0.3)])
     shared.note_trunks(SolitaryTrunks([(5.2, 0.1, 0.32)], (0.0, 0.0), UNTURNED), (0.0, 0.0), 2.0)
@@ -111,8 +120,8 @@ class Hover:
         about = [(a - n, b - e, d) for a, b, d in self.trunks]
         return sorted(about, key=lambda one: math.hypot(one[0], one[1]))[:TELLS_MAX]
 
-    def hover(self, seconds: float, told: list[ToldTrunk] | None, *, measures: bool = True) -> None:
-        """`told`: each second, by the other."""
+    def hover(self, seconds: float, told: list[ToldTrunk] | None, *, measures: bool = True, sees: bool = True) -> None:
+        """`told`: each second, by the other; `sees`: trunks itself."""
         me = self.at[ME]
         for _ in range(round(seconds / 0.05)):
             self.now_s += 0.05
@@ -126,7 +135,7 @@ class Hover:
                 if measures:
                     ranges = tuple((k, math.dist(me, self.at[k]), 0.0) for k in (2, 3, 4))
                     self.here.receive_ranges(ranges, self.now_s)
-            if tick % 10 == 0:
+            if tick % 10 == 0 and sees:
                 seen = [(a - me[0], b - me[1], d) for a, b, d in self.trunks]
                 self.shared.note_trunks(SolitaryTrunks(seen, (0.0, 0.0), UNTURNED), (0.0, 0.0), self.now_s)
             if tick % 20 == 5 and told is not None:
@@ -151,6 +160,19 @@ def test_a_neighbour_is_placed_by_trunks_to_a_decimetre() -> None:
     assert shared.measured >= 9
     assert shared.off_m() < 0.1
     assert shared.off_m() < 0.5 * without.off_m()
+
+
+def test_one_that_sees_no_trunks_itself_is_placed_among_none_that_others_tell() -> None:
+    """Its own place among those that it remembers goes on by an odometer that nothing corrects."""
+    flight = Hover({})
+    flight.hover(6.0, flight.told())
+    before = flight.measured
+    assert before > 3
+    flight.hover(30.0, flight.told(), sees=False)
+    assert flight.measured <= before + 2
+    before = flight.measured
+    flight.hover(6.0, flight.told())
+    assert flight.measured > before + 3
 
 
 def test_one_message_alone_counts_for_nothing() -> None:
