@@ -104,14 +104,20 @@ class OwnPosition:
             self._update_error(now_s)
         elif airborne and self._holds_fixes and not is_lost:
             self._hold_fix(gated, now_s, goes_on=goes_on)
-        is_true = self._astray is None and gated is told
-        self.off_ned_m = ZERO if is_true else sub(seen.pos_ned_m, told.pos_ned_m)
+        self.off_ned_m = self._find_off(seen.pos_ned_m, told.pos_ned_m)
         flown = localiser.receive_position(seen, now_s)
         if airborne and localiser.is_due_for_trunks(now_s):
             trunks = self._perception.find_solitary_trunks(seen, now_s)
             if trunks is not None:
                 localiser.note_trunks(trunks, now_s)
         return flown
+
+    def _find_off(self, flown_ned_m: Vec3, told_ned_m: Vec3) -> Vec3:
+        """Of what is told and heard by reported positions; where not all have GNSS those are heights alone."""
+        if flown_ned_m == told_ned_m:
+            return ZERO
+        north, east, down = sub(flown_ned_m, told_ned_m)
+        return (north, east, down) if self._holds_fixes else (0.0, 0.0, down)
 
     def _hold_fix(self, reported: Position, now_s: float, *, goes_on: bool) -> None:
         """Against the way that trunks tell, or its own velocity. `goes_on`: of that way nothing is missing."""

@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 
 import pytest
 
+from companion.core.localisation.gnss_denied.localiser import GnssDeniedLocaliser
 from companion.core.localisation.gnss_localiser import GnssLocaliser
 from companion.core.localisation.integrity.own_position import OwnPosition, _Astray
 from companion.core.localisation.integrity.range_check import RangeCheck
 from companion.core.model.actions import SendBeacon
 from companion.core.model.beacon import PeerReport
 from companion.core.model.displaced import Displaced
-from companion.core.model.events import AnyScan, HeardBeacon, Position
+from companion.core.model.events import AnyScan, HeardBeacon, Position, Satellites
 from companion.core.model.vectors import ZERO, sub
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.perception.obstacle_perception import ObstaclePerception, SeenWay
@@ -35,6 +36,7 @@ class Sight(ObstaclePerception):
         self.true_ne_m = (0.0, 0.0)
         self.sees = True
         self.reckons_from: tuple[float, float] | None = None
+        self.by_trunks_ne_m: tuple[float, float] | None = None
         self.reckoned_anew = 0
 
     def read_way(self, reported: Position, now_s: float) -> SeenWay | None:  # noqa: ARG002
@@ -42,6 +44,12 @@ class Sight(ObstaclePerception):
 
     def reckon_anew(self) -> None:
         self.reckoned_anew += 1
+
+    def correct_odometry(self, own: Position, now_s: float, *, reckons: bool = False) -> Position:  # noqa: ARG002
+        """Without a fix trunks tell the way where they are to say one."""
+        if not reckons or self.by_trunks_ne_m is None:
+            return own
+        return Position((*self.by_trunks_ne_m, own.pos_ned_m[2]), own.vel_ned_mps, own.boot_s)
 
     def reckon_from(self, led_ne_m: tuple[float, float], reported: Position, turned_rad: float) -> None:  # noqa: ARG002
         self.reckons_from = led_ne_m
@@ -73,6 +81,9 @@ class Flown:
         self.own = OwnPosition(self.localiser, self.sight)
         self.now_s, self.off_m = 100.0, 0.0
         self.told = self.flown = Position(ZERO, ZERO)
+
+    def hear_receiver(self, *, has_fix: bool) -> None:
+        self.localiser.receive_satellites(Satellites(used=True, sd_m=0.9, has_fix=has_fix), self.now_s)
 
     def fly(self, seconds: float, drift_mps: float = 0.0) -> None:
         for _ in range(round(seconds / DT_S)):
@@ -232,3 +243,35 @@ def test_an_open_side_takes_no_way_back_that_velocities_tell() -> None:
     one.fly(DT_S)
     assert one.flown.pos_ned_m[0] == pytest.approx(0.0, abs=0.1)
     assert one.own.error_m(one.now_s) >= 5.0
+
+
+def test_without_a_fix_it_tells_and_hears_by_where_trunks_have_it() -> None:
+    one = Flown()
+    one.hear_receiver(has_fix=True)
+    one.fly(1.0)
+    one.hear_receiver(has_fix=False)
+    one.off_m = 2.0  # as inertial sensors drift
+    one.sight.by_trunks_ne_m = (0.0, 2.0)
+    one.fly(DT_S)
+    off = sub(one.flown.pos_ned_m, one.told.pos_ned_m)
+    assert off[0] == pytest.approx(-2.0)
+    assert one.own.correct_broadcast(SendBeacon(beacon(1))).off_ned_m == pytest.approx(off)
+    heard = one.own.locate_sender(HeardBeacon(beacon(2), sub((0.0, 9.0, -5.0), one.told.pos_ned_m)))
+    assert heard.rel_ned_m == pytest.approx(sub((0.0, 9.0, -5.0), one.flown.pos_ned_m))
+
+
+def test_where_ranges_place_the_others_heights_alone_are_told_otherwise() -> None:
+    """There the odometer leaves the reported position, and a beacon has no level position."""
+    trunks_alone = mission(swarm={"size": 3}, ranging={"start_enu_m": [[0, 0, 0], [6, 0, 0], [0, 6, 0]]})
+    sight = Sight()
+    own = OwnPosition(GnssDeniedLocaliser(trunks_alone, 1), sight)
+    heard = HeardBeacon(beacon(2), (0.0, 0.0, 3.0))
+    for k in range(60):
+        off_m = 9.0 if k >= 40 else 0.0
+        told = Position((off_m, 0.1 * k, -5.0), (0.0, EAST_MPS, 0.0), DT_S * k)
+        flown = own.receive(told, 100.0 + DT_S * k, airborne=True, commanded_ned_mps=ZERO)
+    assert flown.pos_ned_m[0] == pytest.approx(0.0, abs=0.1)
+    assert own.locate_sender(heard) is heard
+    told = Position((9.0, 6.0, -14.0), (0.0, EAST_MPS, 0.0), DT_S * 60)
+    own.receive(told, 103.0, airborne=True, commanded_ned_mps=ZERO)
+    assert own.locate_sender(HeardBeacon(beacon(2), (0.0, 0.0, 3.0))).rel_ned_m == pytest.approx((0.0, 0.0, -6.0))
