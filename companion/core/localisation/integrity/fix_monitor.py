@@ -90,6 +90,8 @@ class FixMonitor:
         notes = self._notes
         if notes and now_s - notes[-1].at_s < NOTE_S - 1e-6:
             return None
+        while notes and now_s - notes[0].at_s > WINDOW_S + 1e-6:
+            notes.popleft()
         noise = self._noise
         now = _Note(now_s, fix_ne_m, way_ne_m, frame, frame_rad2, max(fix_m, noise.fix_m))
         worst, parted = noise.alarm, None

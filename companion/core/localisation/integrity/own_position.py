@@ -89,6 +89,8 @@ class OwnPosition:
         is_lost = localiser.is_fix_lost
         if not airborne:
             self._astray = None
+        if is_lost or not airborne:  # what comes next is another fix, or another frame of trunks
+            self._monitor.forget()
             self._velocity_monitor.forget()
         gate.commanded_ned_mps = commanded_ned_mps
         gated = gate.receive_position(told, now_s, airborne=airborne, trusts_jump=is_lost)

@@ -127,3 +127,11 @@ def test_it_keeps_a_bounded_past_and_forgets_it_when_told() -> None:
     assert len(monitor._notes) == WINDOW_S
     monitor.forget()
     assert monitor.update((50.0, 0.0), (0.0, 0.0), 1000.0) is None
+
+
+def test_notes_older_than_the_window_count_no_more() -> None:
+    """Trunks were out of sight meanwhile: a way of long ago tells nothing."""
+    monitor = FixMonitor(BY_TRUNKS)
+    for k in range(20):
+        assert monitor.update((0.0, float(k)), (0.0, float(k)), float(k)) is None
+    assert monitor.update((40.0, 200.0), (0.0, 200.0), 19.0 + WINDOW_S + 1.0) is None

@@ -275,3 +275,23 @@ def test_where_ranges_place_the_others_heights_alone_are_told_otherwise() -> Non
     told = Position((9.0, 6.0, -14.0), (0.0, EAST_MPS, 0.0), DT_S * 60)
     own.receive(told, 103.0, airborne=True, commanded_ned_mps=ZERO)
     assert own.locate_sender(HeardBeacon(beacon(2), (0.0, 0.0, 3.0))).rel_ned_m == pytest.approx((0.0, 0.0, -6.0))
+
+
+@pytest.mark.parametrize("lands", [True, False])
+def test_a_fix_that_is_true_again_is_not_held_against_notes_from_before_it_was_lost(lands: bool) -> None:
+    """The estimator comes back somewhere else, or the frame of trunks is another."""
+    one = Flown()
+    one.hear_receiver(has_fix=True)
+    one.fly(30.0)
+    if lands:
+        one.own.receive(one.told, one.now_s, airborne=False, commanded_ned_mps=ZERO)
+    else:
+        one.hear_receiver(has_fix=False)
+        one.fly(1.0)
+    one.off_m += 2.5
+    for _ in range(12):
+        one.fly(0.2)
+        one.hear_receiver(has_fix=True)
+    one.fly(30.0)
+    assert one.sight.reckons_from is None
+    assert one.causes() == []
