@@ -89,12 +89,22 @@ class PositionGate:
         if not self._level:
             jump = (0.0, 0.0, jump[2])
         most_m = JUMP_M + 0.5 * ACCELERATION_MPS2 * since_s * since_s
-        if norm(jump) <= most_m or trusts_jump:
+        if norm(jump) <= most_m:
+            return
+        if trusts_jump:
+            self._forget_taken_off(jump)
             return
         self.jumped_s = now_s
         self.off_ned_m = sub(self.off_ned_m, jump)
         if norm(self.off_ned_m) <= BACK_M:
             self.off_ned_m = ZERO
+
+    def _forget_taken_off(self, jump: Vec3) -> None:
+        """Back at a fix, level or in height, as far as it jumped there: what was taken off was of what went before."""
+        north, east, down = self.off_ned_m
+        if math.hypot(jump[0], jump[1]) > BACK_M:
+            north = east = 0.0
+        self.off_ned_m = (north, east, 0.0 if abs(jump[2]) > BACK_M else down)
 
     def frozen_s(self, now_s: float) -> float:
         """For how long its position has been repeated though it moves; 0: it is not."""

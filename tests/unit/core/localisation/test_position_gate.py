@@ -107,3 +107,17 @@ def test_one_that_stands_and_is_not_asked_to_move_may_repeat_its_position() -> N
     for k in range(100, 120):
         gate.receive_position(Position((1.0, 2.0, -5.0), ZERO, DT_S * k), DT_S * k, airborne=True)
     assert gate.frozen_s(6.0) == pytest.approx(1.0, abs=0.11)
+
+
+def test_back_at_a_fix_what_was_taken_off_before_is_forgotten_as_far_as_it_jumped() -> None:
+    one = Flown()
+    one.fly(1.0)
+    one.off = (5.0, 0.0, -9.0)
+    one.fly(1.0)
+    one.off = (0.0, 0.0, -9.0)
+    one.fly(DT_S, trusts=True)
+    assert math.dist(one.fly(1.0).pos_ned_m, one.true) < 1e-6  # its height, which did not come back, is as it was
+    one.off = ZERO
+    one.fly(DT_S, trusts=True)
+    assert one.fly(1.0) is one.told
+    assert not one.gate.is_off
