@@ -95,7 +95,10 @@ class OwnPosition:
         gate.commanded_ned_mps = commanded_ned_mps
         gated = gate.receive_position(told, now_s, airborne=airborne, trusts_jump=is_lost)
         astray = self._astray
+        guessed_m = self._way.guessed_m
         goes_on = airborne and self._holds_fixes and self._way.update(gated, now_s)
+        if astray is not None and astray.led_less_way_ne_m is not None:
+            self._error_m += self._way.guessed_m - guessed_m
         reported = gated if astray is None else astray.correct(gated, now_s, self._way.ne_m)
         smooth = localiser.split_jumps(reported, now_s, airborne=airborne)
         seen = self._perception.correct_odometry(smooth, now_s, reckons=is_lost or astray is not None)

@@ -40,27 +40,31 @@ class _Mark:
 class VelocityWay:
     """One vehicle's, in the air."""
 
-    __slots__ = ("_last", "_marks", "_read_s", "_spans_begin_anew", "ne_m")
+    __slots__ = ("_last", "_marks", "_read_s", "_spans_begin_anew", "guessed_m", "ne_m")
 
     def __init__(self) -> None:
         self.ne_m: tuple[float, float] = (0.0, 0.0)  # from where it began
+        self.guessed_m = 0.0  # by which it may be off by all gaps: the faster of the velocities before and after
         self._last: Position | None = None
         self._read_s = 0.0
         self._marks: deque[_Mark] = deque(maxlen=SPANS_MAX)
         self._spans_begin_anew = True
 
     def update(self, told: Position, now_s: float) -> bool:
-        """The next position with its velocity; False: after a gap, of which nothing is known."""
+        """The next position with its velocity; False: after a gap, whose way is guessed."""
         before, heard_s = self._last, now_s - self._read_s
         self._last, self._read_s = told, now_s
         if before is None:
             return False
         since_s = find_since_s(before, told, heard_s)
-        if not 0.0 <= since_s <= GAP_S:
-            self._spans_begin_anew = True
-            return False
+        is_gap = not 0.0 <= since_s <= GAP_S
+        since_s = heard_s if since_s < 0.0 else since_s
         north, east, _ = integrate_step(before.vel_ned_mps, told.vel_ned_mps, since_s)
         self.ne_m = (self.ne_m[0] + north, self.ne_m[1] + east)
+        if is_gap:
+            self._spans_begin_anew = True
+            self.guessed_m += since_s * max(math.hypot(*one.vel_ned_mps[:2]) for one in (before, told))
+            return False
         self._learn(told, now_s)
         return True
 

@@ -295,3 +295,19 @@ def test_a_fix_that_is_true_again_is_not_held_against_notes_from_before_it_was_l
     one.fly(30.0)
     assert one.sight.reckons_from is None
     assert one.causes() == []
+
+
+def test_a_gap_of_telemetry_is_bridged_by_the_velocity_and_told() -> None:
+    """Its position has left its velocity, by which it goes."""
+    one = Flown()
+    one.sight.sees = False
+    one.fly(1.0)
+    way_m = one.own._way.ne_m
+    north, east, _ = one.told.pos_ned_m
+    one.own._astray = _Astray(one.now_s, (0.0, 0.0), (0.0, 0.0), ZERO, (north - way_m[0], east - way_m[1]))
+    one.fly(1.0)
+    error_m = one.own.error_m(one.now_s)
+    one.now_s += 1.5
+    one.fly(1.0)
+    assert one.flown.pos_ned_m[:2] == pytest.approx(one.sight.true_ne_m, abs=0.01)
+    assert one.own.error_m(one.now_s) >= error_m + 1.5 * EAST_MPS

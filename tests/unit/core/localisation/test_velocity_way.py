@@ -135,12 +135,16 @@ def test_a_true_position_is_not_doubted_when_velocities_err_more_than_before() -
         assert monitor.update((north, east), way.ne_m, at_s, walk_since=way.walk_since) is None
 
 
-def test_of_a_gap_nothing_is_said() -> None:
+def test_a_gap_s_way_is_guessed_by_the_velocities_beside_it() -> None:
     way = VelocityWay()
     assert not way.update(Position(ZERO, ZERO, 1.0), 1.0)
     assert way.update(Position(ZERO, (2.0, 0.0, 0.0), 1.1), 1.1)
-    assert not way.update(Position(ZERO, (2.0, 0.0, 0.0), 5.0), 5.0)
-    assert way.ne_m == pytest.approx((0.1, 0.0))
+    assert way.guessed_m == 0.0
+    assert not way.update(Position(ZERO, (1.0, 0.0, 0.0), 5.1), 5.1)
+    assert way.ne_m == pytest.approx((6.1, 0.0))
+    assert way.guessed_m == pytest.approx(8.0)  # it may have flown anywhere, so fast
+    assert not way.update(Position(ZERO, (1.0, 0.0, 0.0), 0.5), 7.1)  # its autopilot began anew
+    assert way.guessed_m == pytest.approx(10.0)
 
 
 @pytest.mark.parametrize("seed", range(4))
