@@ -115,11 +115,15 @@ def test_among_trees_one_that_loses_its_satellites_flies_on_by_trunks(
         assert noted.off_m(19.0) < 12.0  # what its autopilot reports; it corrects that by trunks
 
 
-def test_a_short_outage_is_reckoned_over(tmp_path: Path) -> None:
+@pytest.mark.parametrize("personality", ["px4", "ardupilot"])
+@pytest.mark.parametrize("for_s", [3.0, 4.5])
+def test_a_short_outage_is_reckoned_over(personality: str, for_s: float, tmp_path: Path) -> None:
     noted = Noted()
-    outcome, shown = flown(with_fault("gnss-outage", 2, for_s=3.0), tmp_path, watch=noted)
-    assert noted.off_m(2.9) > 0.0
-    assert noted.off_m(3.1) == 0.0
+    mission = with_fault("gnss-outage", 2, for_s=for_s).with_personality(personality)
+    outcome, shown = flown(mission, tmp_path, watch=noted)
+    assert noted.off_m(for_s - 0.1) > 0.0
+    assert noted.off_m(for_s + 0.1) == 0.0
+    assert "vehicle 2: hold: GNSS fix lost" in shown
     assert outcome.succeeded, shown
 
 

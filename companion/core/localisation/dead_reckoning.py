@@ -2,7 +2,10 @@
 
 The autopilot goes on by inertial sensors, and reports such positions like those before, until it gives them up; then
 its companion reports the last. Only the receiver says at once that it has no fix (GPS_RAW_INT). A vehicle that never
-had one flies by something else, and loses nothing.
+had one flies by something else, and loses nothing. A receiver of which nothing is heard any more has none.
+
+With the first fixes the position is not yet by them: the estimator resets to them, or is pulled, seconds later. Until
+its position has jumped, or there was time enough, one that may have drifted far still counts as lost.
 
 Where the autopilot is told of the own motion by trunks (ODOMETRY) its position goes on by that, and errs far less. That
 it does so is not taken on trust: what it reports must agree with what is seen.
@@ -10,8 +13,11 @@ it does so is not taken on trust: what it reports must agree with what is seen.
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
+from companion.core.localisation.integrity.position_gate import GAP_S, find_since_s, integrate_step
+from companion.core.model.events import Position
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import Cause
 
@@ -20,6 +26,10 @@ DRIFT_MPS2: Final = 0.25
 RECKONS_S: Final = 5.0  # PX4's EKF2_NOAID_TOUT: then nobody controls the drift, but it grows no faster
 AHEAD_S: Final = 1.0  # of what is said: the others need so long to be further away
 BACK_S: Final = failsafe_engine.row(Cause.GNSS_LOST).lingers_s  # fixes that come for so long are gone by again
+# Of fixes, by which an estimator goes by them at the latest: EKF2 checks them for 1 s, and resets after 7 s without one
+RESETS_S: Final = 10.0
+RESET_M: Final = 0.5  # a position that leaves its velocity so far in one step was reset: inertial ones are smooth
+SILENT_S: Final = 5.0  # asked for at 5 Hz, some send it at 1 Hz, and it is asked for again twice (streams) by then
 ERROR_MAX_M: Final = 25.0
 ODOMETRY_FRESH_S: Final = 0.6  # three turns of a slow sensor
 ODOMETRY_AGREES_MPS: Final = 0.5  # the autopilot's velocity with what is seen: a little more than with satellites
@@ -35,21 +45,65 @@ class DeadReckoning:
     def __init__(self) -> None:
         self._fix_s: float | None = None  # when it had one last
         self._lost_s: float | None = None  # since when it has none
-        self._back_s = 0.0  # since when it has one again
+        self._back_s = 0.0  # since when it has one again, and its estimator goes by it
+        self._heard_s = 0.0  # when the receiver said anything last
+        self._was_used = False  # its estimator went by the last fix
+        self._is_reset = False  # its position has jumped since it has one again
+        self._told: Position | None = None  # reported last
+        self._told_s = 0.0
         self._odometry_s: float | None = None  # when trunks told the motion last, and the autopilot agreed
         self._drifted_m = 0.0  # until then
 
-    def receive_fix(self, now_s: float, *, has_fix: bool) -> None:
-        """Take in one report of the receiver."""
+    def receive_fix(self, now_s: float, *, has_fix: bool, is_used: bool = True) -> None:
+        """Take in one report of the receiver. `is_used`: the estimator goes by GNSS, as far as it tells."""
+        self._heard_s = now_s
         if not has_fix:
-            if self._fix_s is not None and self._lost_s is None:
-                self._lost_s = self._fix_s
-                self._drifted_m = 0.0
-            self._back_s = now_s
+            self._lose_fix(now_s)
             return
         self._fix_s = now_s
-        if self._lost_s is not None and now_s - self._back_s >= BACK_S:
+        if self._lost_s is None:
+            self._was_used = is_used
+        elif self._was_used and not is_used:
+            self._back_s = now_s
+        elif self._has_returned(now_s):
             self._lost_s = None
+
+    def _lose_fix(self, now_s: float) -> None:
+        if self._fix_s is not None and self._lost_s is None:
+            self._lost_s = self._fix_s
+            self._drifted_m = 0.0
+        self._back_s, self._is_reset = now_s, False
+
+    def _has_returned(self, now_s: float) -> bool:
+        """Its position goes by fixes again, or is so little off that it makes no difference."""
+        fixes_s = now_s - self._back_s
+        if fixes_s < BACK_S:
+            return False
+        is_near = self._drifted_m + self._find_drift_m(self._back_s) <= FLIES_ON_M
+        return is_near or self._is_reset or fixes_s >= RESETS_S
+
+    def note_silence(self, now_s: float) -> None:
+        """Once a tick: a receiver that says nothing has no fix."""
+        if self._fix_s is not None and now_s - self._heard_s > SILENT_S:
+            self._lose_fix(now_s)
+
+    def handle_stall(self, now_s: float) -> None:
+        """This companion has heard nothing for a while, whatever was said."""
+        self._heard_s = max(self._heard_s, now_s)
+
+    def note_position(self, told: Position, now_s: float) -> None:
+        """Each position as reported: one that jumps after the fix has come was reset to it."""
+        before, heard_s = self._told, now_s - self._told_s
+        self._told, self._told_s = told, now_s
+        if before is None or self._lost_s is None:
+            return
+        since_s = find_since_s(before, told, heard_s)
+        if not 0.0 < since_s <= GAP_S:
+            return
+        north, east, _ = integrate_step(before.vel_ned_mps, told.vel_ned_mps, since_s)
+        off_n = told.pos_ned_m[0] - before.pos_ned_m[0] - north
+        off_e = told.pos_ned_m[1] - before.pos_ned_m[1] - east
+        self._is_reset |= math.hypot(off_n, off_e) > RESET_M
 
     def note_odometry(self, now_s: float, *, off_mps: float) -> None:
         """The autopilot was told of the motion that is seen; what it had reported was off by so much."""
@@ -61,7 +115,7 @@ class DeadReckoning:
 
     @property
     def is_lost(self) -> bool:
-        """It has had no fix since the last one."""
+        """It has had no fix since the last one, or its position does not go by it yet."""
         return self._lost_s is not None
 
     def lasts_s(self, now_s: float) -> float:
@@ -82,7 +136,8 @@ class DeadReckoning:
     def _unaided_s(self, now_s: float) -> float:
         """Since the last fix, or the last motion that trunks told."""
         assert self._lost_s is not None
-        return now_s - (self._lost_s if self._odometry_s is None else max(self._lost_s, self._odometry_s))
+        aided_s = self._lost_s if self._odometry_s is None else max(self._lost_s, self._odometry_s)
+        return max(0.0, now_s - aided_s)
 
     def _find_drift_m(self, until_s: float) -> float:
         """Since then."""

@@ -63,6 +63,11 @@ class GnssLocaliser(Localiser):
         """None: the reported position is the mission's."""
         return ZERO
 
+    def split_jumps(self, reported: Position, now_s: float, *, airborne: bool) -> Position:  # noqa: ARG002
+        """As reported; a jump tells that a fix which was lost is gone by again."""
+        self._reckoning.note_position(reported, now_s)
+        return reported
+
     def receive_position(self, position: Position, now_s: float) -> Position:
         """Observes the velocity's bias, by the autopilot's own time: what comes in a burst was not measured in one."""
         measured_s = now_s if position.boot_s is None else position.boot_s
@@ -70,12 +75,12 @@ class GnssLocaliser(Localiser):
         return position
 
     def receive_satellites(self, event: Satellites, now_s: float) -> None:
-        """The fix alone counts: how good it is, the autopilot's own gates say."""
-        self._reckoning.receive_fix(now_s, has_fix=event.has_fix)
+        """The fix counts, and that the autopilot goes by it: how good it is, its own gates say."""
+        self._reckoning.receive_fix(now_s, has_fix=event.has_fix, is_used=event.used)
 
     @property
     def is_fix_lost(self) -> bool:
-        """As the receiver says."""
+        """As the receiver says, until the position goes by it again."""
         return self._reckoning.is_lost
 
     def note_odometry(self, off_ned_mps: Vec3, now_s: float) -> None:
@@ -103,8 +108,14 @@ class GnssLocaliser(Localiser):
     def update_landed_state(self, landed: LandedState, *, waits: bool) -> None:
         """Of no account."""
 
-    def update_position_quality(self, now_s: float, *, role: Role) -> None:
-        """Good, as from the start."""
+    def update_position_quality(self, now_s: float, *, role: Role) -> None:  # noqa: ARG002
+        """Good, as from the start, but that a receiver may have fallen silent."""
+        self._reckoning.note_silence(now_s)
+
+    def handle_stall(self, now_s: float) -> None:
+        """As any; of the receiver nothing was to be heard either."""
+        super().handle_stall(now_s)
+        self._reckoning.handle_stall(now_s)
 
     def update_destination(
         self,

@@ -10,9 +10,10 @@ import pytest
 
 from companion.core.agent import TICK_S, Agent
 from companion.core.guidance.open_sky_planner import has_just_fallen_silent
+from companion.core.localisation.dead_reckoning import SILENT_S
 from companion.core.model.actions import Say, SendBeacon
 from companion.core.model.beacon import Lease, PeerReport
-from companion.core.model.events import AutopilotHealth, AutopilotMode, Landed, OperatorOrder, Position
+from companion.core.model.events import AutopilotHealth, AutopilotMode, Landed, OperatorOrder, Position, Satellites
 from companion.core.model.states import FlightMode, FlightState, LandedState, Order, SwarmPhase
 from companion.core.model.vectors import ZERO, norm
 from companion.core.safety.descent import is_clear_below
@@ -249,3 +250,17 @@ def test_ground_is_told_each_time_a_vehicle_with_an_unsigned_radio_gets_ready() 
     accepted.texts(FlightState.WAITING, started=False)
     told = [[say.text for say in accepted.texts(state, started=False)] for state in states]
     assert told == [[], [UNSIGNED], [], [], [UNSIGNED]]
+
+
+def test_a_receiver_that_falls_silent_has_no_fix_but_none_is_silent_by_a_stall_of_the_companion() -> None:
+    silent, stalled = Agent(mission(), 1), Agent(mission(), 1)
+    until_s = 10.0 + SILENT_S + 0.5
+    for agent in (silent, stalled):
+        fed(agent, 10.0).receive(Satellites(used=True, sd_m=0.9), 10.0)
+        agent.tick(10.0)
+    for k in range(round((until_s - 10.0) / TICK_S)):
+        now_s = 10.0 + TICK_S * (k + 1)
+        fed(silent, now_s).tick(now_s)
+    fed(stalled, until_s).tick(until_s)
+    assert silent.localiser.is_fix_lost
+    assert not stalled.localiser.is_fix_lost

@@ -13,8 +13,11 @@ from companion.core.localisation.dead_reckoning import (
     ODOMETRY_AGREES_MPS,
     ODOMETRY_FRESH_S,
     RECKONS_S,
+    RESETS_S,
+    SILENT_S,
     DeadReckoning,
 )
+from companion.core.model.events import Position
 
 
 def lost_at(lost_s: float) -> DeadReckoning:
@@ -106,7 +109,89 @@ def test_what_had_drifted_is_forgotten_with_the_next_fixes() -> None:
     for k in range(600):
         reckoning.note_odometry(10.2 + 0.1 * k, off_mps=0.3)
     reckoning.receive_fix(71.0, has_fix=False)
-    reckoning.receive_fix(71.2 + BACK_S, has_fix=True)
-    reckoning.receive_fix(73.0, has_fix=False)
-    assert reckoning.lasts_s(73.0) < 1.0
-    assert reckoning.error_m(73.0) < 1.0
+    reckoning.receive_fix(71.2 + RESETS_S, has_fix=True)
+    reckoning.receive_fix(82.0, has_fix=False)
+    assert reckoning.lasts_s(82.0) < 1.0
+    assert reckoning.error_m(82.0) < 1.0
+
+
+def hear_fixes(reckoning: DeadReckoning, from_s: float, until_s: float, *, is_used: bool = True) -> None:
+    for k in range(round((until_s - from_s) / 0.2) + 1):
+        reckoning.receive_fix(from_s + 0.2 * k, has_fix=True, is_used=is_used)
+
+
+def fly_east(reckoning: DeadReckoning, from_s: float, until_s: float, off_m: float = 0.0) -> None:
+    for k in range(round((until_s - from_s) / 0.05)):
+        now_s = from_s + 0.05 * k
+        reckoning.note_position(Position((off_m, 2.0 * now_s, -5.0), (0.0, 2.0, 0.0), now_s), now_s)
+
+
+def test_after_long_it_counts_as_lost_until_the_estimator_has_reset_to_its_fixes() -> None:
+    reckoning = lost_at(10.0)
+    reckoning.receive_fix(18.0, has_fix=False)
+    fly_east(reckoning, 17.0, 23.0)
+    hear_fixes(reckoning, 18.2, 23.0)
+    assert reckoning.is_lost
+    assert reckoning.error_m(23.0) > 10.0
+    fly_east(reckoning, 23.0, 23.1, off_m=7.0)
+    hear_fixes(reckoning, 23.2, 23.2)
+    assert not reckoning.is_lost
+    assert reckoning.error_m(23.2) == 0.0
+
+
+def test_a_jump_before_the_fix_has_come_is_no_reset_to_it() -> None:
+    reckoning = lost_at(10.0)
+    fly_east(reckoning, 17.0, 17.5)
+    fly_east(reckoning, 17.5, 18.0, off_m=3.0)
+    reckoning.receive_fix(18.0, has_fix=False)
+    fly_east(reckoning, 18.0, 20.0, off_m=3.0)
+    hear_fixes(reckoning, 18.2, 20.0)
+    assert reckoning.is_lost
+
+
+def test_without_a_jump_fixes_that_have_come_for_long_are_gone_by() -> None:
+    """The estimator was pulled to them, or had not drifted."""
+    reckoning = lost_at(10.0)
+    reckoning.receive_fix(18.0, has_fix=False)
+    hear_fixes(reckoning, 18.2, 18.0 + RESETS_S - 0.2)
+    assert reckoning.is_lost
+    hear_fixes(reckoning, 18.0 + RESETS_S, 18.2 + RESETS_S)
+    assert not reckoning.is_lost
+
+
+def test_fixes_that_the_estimator_does_not_use_are_no_return() -> None:
+    reckoning = lost_at(10.0)
+    hear_fixes(reckoning, 11.0, 40.0, is_used=False)
+    assert reckoning.is_lost
+    hear_fixes(reckoning, 40.2, 40.2 + RESETS_S)
+    assert not reckoning.is_lost
+
+
+def test_an_estimator_that_never_went_by_its_fixes_stays_lost_no_longer_than_they_are() -> None:
+    """By flow, say: it tells the same before and after."""
+    reckoning = DeadReckoning()
+    reckoning.receive_fix(10.0, has_fix=True, is_used=False)
+    reckoning.receive_fix(10.2, has_fix=False, is_used=False)
+    hear_fixes(reckoning, 10.4, 12.0, is_used=False)
+    assert not reckoning.is_lost
+
+
+def test_a_receiver_that_is_not_heard_any_more_has_no_fix() -> None:
+    reckoning = DeadReckoning()
+    reckoning.note_silence(50.0)
+    assert not reckoning.is_lost  # it never told of one
+    hear_fixes(reckoning, 50.0, 51.0)
+    reckoning.note_silence(51.0 + SILENT_S)
+    assert not reckoning.is_lost
+    reckoning.note_silence(51.1 + SILENT_S)
+    assert reckoning.lasts_s(51.1 + SILENT_S) > SILENT_S
+    assert reckoning.error_m(51.1 + SILENT_S) > 3.0
+
+
+def test_what_is_not_heard_while_the_companion_stalls_is_no_silence() -> None:
+    reckoning = DeadReckoning()
+    hear_fixes(reckoning, 50.0, 51.0)
+    reckoning.handle_stall(70.0)
+    reckoning.note_silence(70.0)
+    reckoning.note_silence(70.0 + SILENT_S)
+    assert not reckoning.is_lost
