@@ -347,12 +347,11 @@ class Agent:
 
     def _observe_surroundings(self, picture: Picture) -> Surroundings:
         """The surroundings of a vehicle that is steered: once a tick, as wind is estimated from one to the next."""
-        vehicle, now_s = self.flight.vehicle, picture.now_s
+        vehicle, now_s, last = self.flight.vehicle, picture.now_s, self.setpoint.vel_ned_mps
         assert vehicle.position is not None
         own, bias = self.own_position.find_motion(vehicle.position), self.own_position.setpoint_bias_ned_mps
-        off_ned_m, commanded = self.localiser.offset_ned_m, self.setpoint.vel_ned_mps
-        disturbance = self.disturbances.observe_disturbance(own, add(commanded, bias), TICK_S, vehicle.shaping)
-        others = self.rise.bring_beside(picture)
+        disturbance = self.disturbances.observe_disturbance(own, add(last, bias), TICK_S, vehicle.shaping)
+        others, off_ned_m = self.rise.bring_beside(picture), self.localiser.offset_ned_m
         seen = self.perception.find_vehicles(own.pos_ned_m, picture.neighbours, now_s)
         return Surroundings(
             own,
@@ -362,9 +361,10 @@ class Agent:
             off_ned_m=off_ned_m,
             bias_ned_mps=bias,
             disturbance=disturbance,
-            commanded_ned_mps=commanded,
+            commanded_ned_mps=last,
             relayed=self.localiser.relayed,
             free_up_m=self.rise.free_up_m,
+            error_m=self.own_position.error_m(now_s),
         )
 
     def _brief(self, picture: Picture, orders: Orders, around: Surroundings) -> GuidanceInput:

@@ -42,7 +42,7 @@ from mission.common.frames import Vec3
 from mission.document.model import Mission
 
 AGE_WIDENS_MPS: Final = 1.0  # what a silent neighbour may have strayed from its last course
-# of the error that a neighbour says its own position may have: its word moves nobody further than that
+# of the error that a neighbour says its own position may have: its word moves nobody further than that; and of the own
 ERROR_COUNTS_M: Final = 8.0
 UNSHARED_M: Final = 0.7  # of the separation, that one takes which a trunk keeps from giving way
 WAY_IN_MPS: Final = 1.0  # at least, for a vehicle outside the fence
@@ -117,7 +117,10 @@ class SafetyFilter:
         turned = desired if way_in is None else sub(way_in, drift)
         north, east, down = limit(turned, self.speed_max_mps)
         limited = (north, east, max(-self.climb_max_mps, min(self.climb_max_mps, down)))
-        limits = to_commanded(self.limits(pos_ned_m, around.cloud.trunks, free_up_m=around.free_up_m), drift)
+        bounds = self.limits(
+            pos_ned_m, around.cloud.trunks, free_up_m=around.free_up_m, unsure_m=min(around.error_m, ERROR_COUNTS_M)
+        )
+        limits = to_commanded(bounds, drift)
         separations = self.separations(around, drift)
         bounded = self._shorten(find_nearest(limited, limits, separations))
         last = self._shorten(around.commanded_ned_mps) if is_finite(around.commanded_ned_mps) else ZERO
@@ -189,10 +192,13 @@ class SafetyFilter:
                 best, most_m, ends_m = v, nearest_m, end_m
         return best
 
-    def limits(self, pos_ned_m: Vec3, trunks: Sequence[Obstacle], *, free_up_m: float = -math.inf) -> list[Bound]:
+    def limits(
+        self, pos_ned_m: Vec3, trunks: Sequence[Obstacle], *, free_up_m: float = -math.inf, unsure_m: float = 0.0
+    ) -> list[Bound]:
         """Floor, ceiling, the sides of the polygon (outside: the way further out), the mission's own trunks.
 
-        `free_up_m`: the ceiling where that is higher, in a column that own rays have seen free.
+        `free_up_m`: the ceiling where that is higher, in a column that own rays have seen free. `unsure_m`: level error
+        of the position, by which it comes no nearer to the sides.
         """
         response = self.response
         altitude_m = -pos_ned_m[2]
@@ -204,7 +210,7 @@ class SafetyFilter:
         sides = to_edges(pos_ned_m, self.polygon_m)
         if sides and is_inside(pos_ned_m[0], pos_ned_m[1], self.polygon_m):
             for side in sides:
-                bounds += self._bound(response, side, MARGIN_M)
+                bounds += self._bound(response, side, MARGIN_M, unsure_m)
         elif sides:
             way_in = min(sides, key=norm)
             out_m = norm(way_in)
@@ -222,21 +228,21 @@ class SafetyFilter:
         Among trees those that give way may stop at once, before a trunk. One whose beacon is overdue may hover silent,
         too; where others hear one that this vehicle does not counts as where that one hovers.
         """
-        response = self.response
+        response, unsure_m = self.response, min(around.error_m, ERROR_COUNTS_M)
         bounds: list[Bound] = []
         keep_m = clearance_m(ObstacleKind.SILENT, Use.FILTER, self.hard_separation_m)
         for rel in around.silent_ned_m:
-            bounds += self._bound(response, rel, keep_m)
+            bounds += self._bound(response, rel, keep_m, unsure_m)
         for rel in around.told_ned_m:
-            bounds += [Bound(b.along, max(0.0, b.most_mps)) for b in self._bound(response, rel, keep_m)]
+            bounds += [Bound(b.along, max(0.0, b.most_mps)) for b in self._bound(response, rel, keep_m, unsure_m)]
         for neighbour in around.neighbours:
             if neighbour.is_overdue and neighbour.beacon.airborne:
                 rel = neighbour.rel_ned_m
-                bounds += self._bound(response, rel, keep_m)
+                bounds += self._bound(response, rel, keep_m, unsure_m)
                 if neighbour.beacon.state in BETWEEN_HEIGHTS:  # and at every height, as one that is silent
-                    bounds += self._bound(response, (rel[0], rel[1], 0.0), keep_m)
+                    bounds += self._bound(response, (rel[0], rel[1], 0.0), keep_m, unsure_m)
         for rel, age_s in around.relayed:
-            told = self._bound(response, rel, keep_m + AGE_WIDENS_MPS * age_s)
+            told = self._bound(response, rel, keep_m + AGE_WIDENS_MPS * age_s, unsure_m)
             bounds += [Bound(b.along, max(0.0, b.most_mps)) for b in told]
         bounds = to_commanded(bounds, drift_ned_mps)
         own_x, own_y, own_z = around.own.vel_ned_mps
@@ -259,6 +265,9 @@ class SafetyFilter:
                 if self.senses:
                     shared_mps = min(shared_mps, response.behind_mps(room_m + UNSHARED_M, self._believed(its_mps)))
                 most_mps = shared_mps if error_m <= 0.0 else min(most_mps, shared_mps)
+            if unsure_m > 0.0:  # it slows: who does not know where it is pushes away from nobody by that
+                unsure_mps = response.closing_mps(room_m - unsure_m) + self._believed(its_mps)
+                most_mps = min(most_mps, max(0.0, unsure_mps))
             bounds.append(Bound(n, most_mps - (x * drift_x + y * drift_y + z * drift_z)))
         bounds += self._separations_from_seen(around.seen, around.own.vel_ned_mps, drift_ned_mps)
         return bounds
@@ -292,12 +301,18 @@ class SafetyFilter:
             return 0.0
         return max(-self.speed_max_mps, min(self.speed_max_mps, speed_mps))
 
-    def _bound(self, response: ResponseModel, to_obstacle: Vec3, keep_m: float) -> list[Bound]:
-        """Bound on closing on a still obstacle, so as to stop `keep_m` before it."""
+    def _bound(self, response: ResponseModel, to_obstacle: Vec3, keep_m: float, unsure_m: float = 0.0) -> list[Bound]:
+        """Bound on closing on a still obstacle, so as to stop `keep_m` before it.
+
+        `unsure_m`: so much farther off it comes no nearer; it is not pushed away by that.
+        """
         distance_m = norm(to_obstacle)
         if not 1e-6 < distance_m < math.inf:
             return []
-        return [Bound(scale(to_obstacle, 1.0 / distance_m), response.closing_mps(distance_m - keep_m))]
+        most_mps = response.closing_mps(distance_m - keep_m)
+        if unsure_m > 0.0:
+            most_mps = min(most_mps, max(0.0, response.closing_mps(distance_m - keep_m - unsure_m)))
+        return [Bound(scale(to_obstacle, 1.0 / distance_m), most_mps)]
 
     def _way_in(self, pos_ned_m: Vec3) -> Vec3 | None:
         """Level velocity back to the polygon; None for a vehicle inside, where the desired velocity counts."""

@@ -25,6 +25,7 @@ class Surroundings:
         "commanded_ned_mps",
         "disturbance",
         "drift_ned_mps",
+        "error_m",
         "free_up_m",
         "hovering",
         "neighbours",
@@ -49,6 +50,7 @@ class Surroundings:
         commanded_ned_mps: Vec3 = ZERO,
         relayed: Sequence[tuple[Vec3, float]] = (),
         free_up_m: float = -math.inf,
+        error_m: float = 0.0,
     ) -> None:
         """`off_ned_m`: the mission's place less the own reported one. `bias_ned_mps`: true velocity less reported."""
         self.own: Final = own  # with its true velocity
@@ -64,6 +66,7 @@ class Surroundings:
         self.cloud: Final = cloud
         # Height to which the column that it is in is free by its own rays, where it may fly above the fence's ceiling
         self.free_up_m: Final = free_up_m
+        self.error_m: Final = error_m  # level, that the own position may have beyond what goes with GNSS
         self.disturbance: Final = disturbance
         # What is flown less what is commanded.
         self.drift_ned_mps: Final = bias_ned_mps if disturbance is CALM else add(bias_ned_mps, disturbance.vel_ned_mps)

@@ -252,6 +252,13 @@ def test_ground_is_told_each_time_a_vehicle_with_an_unsigned_radio_gets_ready() 
     assert told == [[], [UNSIGNED], [], [], [UNSIGNED]]
 
 
+def test_the_filter_is_told_how_far_the_own_position_may_be_off() -> None:
+    agent = fed(Agent(mission(), 1), 10.0)
+    assert agent._observe_surroundings(agent.observe(10.0)).error_m == 0.0
+    agent.own_position._gate.off_ned_m = (0.0, 6.0, 0.0)
+    assert agent._observe_surroundings(agent.observe(10.0)).error_m == pytest.approx(6.0)
+
+
 def test_a_receiver_that_falls_silent_has_no_fix_but_none_is_silent_by_a_stall_of_the_companion() -> None:
     silent, stalled = Agent(mission(), 1), Agent(mission(), 1)
     until_s = 10.0 + SILENT_S + 0.5

@@ -16,7 +16,7 @@ from companion.core.safety.bounds import Bound, find_nearest, step_towards
 from companion.core.safety.clearance import MARGIN_M
 from companion.core.safety.descent import LANDING_ROOM_M, LandingRoom
 from companion.core.safety.rest import PULL_MAX_MPS, PULL_PER_S, SLACK_M, RestHold
-from companion.core.safety.safety_filter import AGE_WIDENS_MPS, UNSHARED_M, SafetyFilter
+from companion.core.safety.safety_filter import AGE_WIDENS_MPS, ERROR_COUNTS_M, UNSHARED_M, SafetyFilter
 from companion.core.safety.surroundings import Surroundings
 from mission.common.frames import Vec3
 from tests.unit.core.core_kit import mission, neighbour
@@ -27,9 +27,9 @@ OWN = Position((0.0, 0.0, -8.0), (1.0, -0.5, 0.25), None)
 DRIFT: Vec3 = (0.3, -0.2, 0.1)
 
 
-def around(*, neighbours: tuple = (), seen: tuple = ()) -> Surroundings:  # type: ignore[type-arg]
+def around(*, neighbours: tuple = (), seen: tuple = (), error_m: float = 0.0) -> Surroundings:  # type: ignore[type-arg]
     cloud = LocalObstacleCloud(math.inf, (False,))
-    return Surroundings(OWN, neighbours, {}, cloud, seen=seen)
+    return Surroundings(OWN, neighbours, {}, cloud, seen=seen, error_m=error_m)
 
 
 @pytest.mark.parametrize("rel", [(9.0, 4.0, 0.0), (-7.0, 6.0, 0.0), (3.0, -2.0, 0.0)])
@@ -81,6 +81,38 @@ def test_one_that_does_not_give_way_is_given_it_all() -> None:
     (bound,) = OPEN.separations(around(neighbours=(other,)))
     room_m = 8.0 - OPEN.hard_separation_m - MARGIN_M
     assert bound.most_mps == pytest.approx(OPEN.response.closing_mps(room_m) - OPEN.speed_max_mps)  # none is faster
+
+
+@pytest.mark.parametrize("gives_way", [True, False])
+@pytest.mark.parametrize("error_m", [3.0, 50.0])
+def test_one_that_may_be_off_itself_closes_on_others_by_as_much_less_and_is_pushed_by_none(
+    gives_way: bool, error_m: float
+) -> None:
+    state = FlightState.TRANSIT if gives_way else FlightState.RELEASED
+    counts_m = min(error_m, ERROR_COUNTS_M)
+    for distance_m in (OPEN.hard_separation_m + 0.5, 9.0, 40.0):
+        other = neighbour(2, (distance_m, 0.0, 0.0), state=state, airborne=True)
+        (sure,) = OPEN.separations(around(neighbours=(other,)))
+        (unsure,) = OPEN.separations(around(neighbours=(other,), error_m=error_m))
+        room_m = distance_m - OPEN.hard_separation_m - MARGIN_M - counts_m
+        assert unsure.most_mps == pytest.approx(min(sure.most_mps, max(0.0, OPEN.response.closing_mps(room_m))))
+        if room_m < 0.0:
+            assert unsure.most_mps == 0.0 < sure.most_mps
+
+
+def test_one_that_may_be_off_itself_comes_no_nearer_to_the_fence_and_is_not_driven_from_it() -> None:
+    fenced = replace(OPEN, polygon_m=((-20.0, -20.0), (20.0, -20.0), (20.0, 20.0), (-20.0, 20.0)))
+    for north_m, most_mps in ((12.0, fenced.response.closing_mps(8.0 - MARGIN_M - 3.0)), (18.0, 0.0)):
+        bounds = fenced.limits((north_m, 0.0, -8.0), (), unsure_m=3.0)
+        (ahead,) = [b for b in bounds if b.along == (1.0, 0.0, 0.0)]
+        assert ahead.most_mps == pytest.approx(most_mps)
+    outwards = fenced.apply((2.0, 0.0, 0.0), around_at((18.0, 0.0, -8.0), error_m=3.0), dt_s=0.05)
+    assert outwards.vel_ned_mps[0] <= 1e-3
+    assert fenced.apply((2.0, 0.0, 0.0), around_at((18.0, 0.0, -8.0)), dt_s=0.05).vel_ned_mps[0] > 0.05
+
+
+def around_at(pos_ned_m: Vec3, error_m: float = 0.0) -> Surroundings:
+    return Surroundings(Position(pos_ned_m, ZERO), (), {}, LocalObstacleCloud(math.inf, (False,)), error_m=error_m)
 
 
 def test_a_velocity_that_is_no_number_is_taken_for_none() -> None:
