@@ -16,6 +16,7 @@ from companion.core.model.beacon import Lease
 from companion.core.model.states import SwarmPhase
 from companion.core.swarm.election import (
     ACT_PERIODS,
+    HEIR_ABSENT_S,
     HEIR_KNOWN_PERIODS,
     HOP_LIMIT,
     Election,
@@ -130,6 +131,11 @@ ELECTION: dict[str, Keep] = {
     "_heir_for": _most(HEIR_KNOWN_PERIODS),
     "_unlike_heir": AS_IT_IS,
     "_tombs": (_take_tombs, _give_tombs),
+    # For minutes: longer than is explored. Only which it is is kept.
+    "_absent_s": (
+        lambda absent, _: tuple(sorted(absent)),
+        lambda absent, _: dict.fromkeys(absent, HEIR_ABSENT_S),
+    ),
 }
 ROSTER: dict[str, Keep] = {
     "done": AS_IT_IS,

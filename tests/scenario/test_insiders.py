@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from companion.core.model.beacon import Beacon, Lease
+from companion.core.model.beacon import Beacon, Candidate, Lease
 from companion.core.model.states import Order, SwarmPhase
 from companion.core.model.vectors import sub
 from mission.common.frames import Vec3, enu_to_ned
@@ -251,3 +251,37 @@ def test_one_that_claims_to_fly_at_others_brings_none_together(near_m: float) ->
         true_tick()
         least_m = min([least_m, *[math.dist(places[a], places[b]) for a in places for b in places if a < b]])
     assert least_m > 4.0
+
+
+def longest_lead_s(swarm: Fleet, among: list[int], seconds: float) -> float:
+    """Of one of them without a break."""
+    longest, since, before = 0, 0, None
+    for _ in range(round(20 * seconds)):
+        swarm.tick()
+        acting = [k for k in swarm.acting() if k in among]
+        since = since + 1 if acting and acting == before else 0
+        before = acting
+        longest = max(longest, since)
+    return longest / 20.0
+
+
+def test_an_heir_that_is_not_there_takes_the_lead_once_and_the_mission_goes_on() -> None:
+    swarm = fleet(FLEET, priority=(1,))
+    swarm.hung.add(1)
+    swarm.lies[3] = lambda sent: replace(sent, candidate=Candidate(1, 1, 10))
+    among = [2, 4, 5]
+    assert longest_lead_s(swarm, among, 60.0) > 30.0
+    swarm.until("LANDED", limit_s=300.0, among=among)
+
+
+def test_a_lead_is_handed_over_to_one_that_is_there_whatever_became_of_others() -> None:
+    """Another, which was gone, was named in vain before."""
+    swarm = fleet(FLEET, priority=(2, 1))
+    swarm.hung |= {1, 2}
+    swarm.lies[3] = lambda sent: replace(sent, candidate=Candidate(2, 2, 10))
+    swarm.run(20.0)
+    del swarm.lies[3]
+    assert not leaders(swarm, [4, 5]) & {0, 1, 2}
+    swarm.hung.discard(1)
+    swarm.run(10.0)
+    assert leaders(swarm, [3, 4, 5]) == {1}

@@ -46,6 +46,7 @@ HANDOVER_PERIODS: Final = 20  # from its announcement until the heir takes over:
 RESIGN_PERIODS: Final = 10  # the same, when the leader cannot lead any more: 7 hops
 HYSTERESIS: Final = 2  # a candidate is better than the leader by at least so many steps of the score
 HOP_LIMIT: Final = 250  # a chain of the largest swarm
+HEIR_ABSENT_S: Final = 150.0  # no heir for so long: a leader takes 120 s to land a swarm that gets nowhere
 SCORE_LIMIT: Final = 10  # a full battery
 FIRST_SEQ_LIMIT = 2**31  # a clock that counts from 1970 starts below it
 SEQ_LIMIT = 3 * 2**30  # three years of counting at 10 Hz later; the wire (uint32) carries more
@@ -91,6 +92,7 @@ class Election:
     """One vehicle's view of which leads. `run_period` once per beacon period, `receive_lease` for every beacon."""
 
     __slots__ = (
+        "_absent_s",
         "_count",
         "_expected",
         "_heir_for",
@@ -135,6 +137,7 @@ class Election:
         self._unlike_heir = 0  # periods in which the best candidate has been another than the heir
         self._own_seq = 0  # the highest count of its own that it has said or believed
         self._tombs: dict[tuple[int, int], int] = {}  # lost leader, its last count -> periods left
+        self._absent_s: dict[int, float] = {}  # heir to which the lead was handed over in vain -> time left
 
     @property
     def leads(self) -> bool:
@@ -235,6 +238,8 @@ class Election:
         `heard`: the neighbours' last beacons, none older than ECHO_PERIODS.
         """
         self._tombs = {lost: left - 1 for lost, left in self._tombs.items() if left > 1}
+        if self._absent_s:
+            self._absent_s = {heir: left - period_s for heir, left in self._absent_s.items() if left > period_s}
         self._lived += 1
         self.changed = False
         if self.role is Role.CLAIMANT and not eligible:
@@ -287,6 +292,10 @@ class Election:
     def _expire(self, lease: Lease) -> None:
         """It has lost the leader whose lease this is."""
         self._bury(lease.leader, lease.seq)
+        if lease.seq == 0:  # it was handed the lead, and never counted
+            self._note_absent(lease.leader)
+        elif 0 < lease.ends <= self._count - HELD_PERIODS:
+            self._note_absent(lease.heir)
         # An expectation that came to nothing is given up: those that expect different heirs would never agree.
         self._expected = lease.heir if lease.established else 0
         self._change_role(RoleEvent.EXPIRE)
@@ -307,7 +316,9 @@ class Election:
             elif view.hop > hop:
                 self.agreed &= view.agreed
                 best = view.candidate
-                if best is not None and best.vehicle not in (leader, self.me) and best.score <= SCORE_LIMIT:
+                if best is None or best.vehicle in (leader, self.me) or best.vehicle in self._absent_s:
+                    continue
+                if best.score <= SCORE_LIMIT:
                     candidates.append(best)
         self.candidate = max(candidates, key=self._merit, default=None)
 
@@ -368,6 +379,13 @@ class Election:
             wait = HANDOVER_PERIODS if eligible else RESIGN_PERIODS
             return replace(lease, ends=lease.seq + wait)
         return lease
+
+    def _note_absent(self, heir: int) -> None:
+        """It was to lead, and was not heard to: whoever names it, for a while it is no candidate here."""
+        self._absent_s.pop(heir, None)
+        self._absent_s[heir] = HEIR_ABSENT_S
+        if len(self._absent_s) > self._hop_limit:  # as many as the swarm has members
+            del self._absent_s[next(iter(self._absent_s))]
 
     def _bury(self, leader: int, seq: int) -> None:
         """No echo of this leader's counts is heard, for a while."""

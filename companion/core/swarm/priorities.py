@@ -20,8 +20,8 @@ class Priorities:
     def __init__(self, mission: Mission) -> None:
         listed = mission.swarm.leader_priority
         self._listed = {vehicle: priority_of(vehicle, listed) for vehicle in listed}  # 0 for the others
-        vehicles = range(1, mission.swarm.size + 1)
-        self._receivers = {vehicle for vehicle in vehicles if mission.has_satellites(vehicle)}
+        self._members: Final = range(1, mission.swarm.size + 1)
+        self._receivers = {vehicle for vehicle in self._members if mission.has_satellites(vehicle)}
         # Above the last of the list; where all have a receiver nothing is.
         self._above = 0 if len(self._receivers) == mission.swarm.size else len(listed) + 1
 
@@ -31,7 +31,9 @@ class Priorities:
         return listed + self._above if reception is not Reception.NONE else listed
 
     def may_have(self, priority: int, vehicle: int) -> bool:
-        """True for what the mission gives it, with reception where it has a receiver, or without."""
+        """True for what the mission gives a member, with reception where it has a receiver, or without."""
+        if vehicle not in self._members:
+            return False
         listed = self._listed.get(vehicle, 0)
         return priority == listed or (priority == listed + self._above and vehicle in self._receivers)
 

@@ -51,7 +51,10 @@ class Trust:
         if self.blocklist.has(beacon.sender):
             return strip_beacon(beacon)
         candidate = beacon.candidate
-        if candidate is not None and not self._priorities.may_have(candidate.priority, candidate.vehicle):
+        if candidate is not None and (
+            self.blocklist.has(candidate.vehicle)
+            or not self._priorities.may_have(candidate.priority, candidate.vehicle)
+        ):
             beacon = replace(beacon, candidate=None)
         if norm(beacon.ref_ned_mps) > self._fastest_mps:
             beacon = replace(beacon, ref_ned_mps=limit(beacon.ref_ned_mps, self._fastest_mps))

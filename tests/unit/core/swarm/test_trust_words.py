@@ -373,3 +373,16 @@ def test_a_leader_whose_phase_was_foul_is_believed_again_a_minute_after() -> Non
     assert judge.blocklist.has(LEADER)
     judge.blocklist.fade(5.1 + BLOCKED_S)
     assert not judge.blocklist.has(LEADER)
+
+
+@pytest.mark.parametrize("vehicle", [0, 10, 77])
+def test_a_candidate_that_is_no_member_is_none(vehicle: int) -> None:
+    assert trust().sanitise_beacon(beacon(3, candidate=Candidate(vehicle, 0, 9)), 1.0).candidate is None
+
+
+def test_a_blocked_member_is_no_candidate_whoever_names_it() -> None:
+    one = trust()
+    said = beacon(3, candidate=Candidate(4, 1, 9))
+    assert one.sanitise_beacon(said, 1.0).candidate == Candidate(4, 1, 9)
+    one.blocklist.block(4, "equivocates")
+    assert one.sanitise_beacon(said, 1.0).candidate is None
