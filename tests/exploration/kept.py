@@ -141,6 +141,10 @@ ROSTER: dict[str, Keep] = {
     "done": AS_IT_IS,
     "present": AS_IT_IS,
     "flown": AS_IT_IS,
+    "_behind": new(lambda _: []),  # found anew before it is asked for
+    # Nobody falls silent within range here: whom one does not hear any more it takes to have left
+    "_doubted": new(lambda _: 0),
+    "_doubted_s": new(lambda _: None),
     "_quorum_s": _age(SECOND),
     "_counted_s": _age(DECIDES_PERIODS),
 }

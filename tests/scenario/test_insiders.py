@@ -9,8 +9,9 @@ from dataclasses import replace
 import pytest
 
 from companion.core.model.beacon import Beacon, Candidate, Lease
-from companion.core.model.states import Order, SwarmPhase
+from companion.core.model.states import FlightState, Order, SwarmPhase
 from companion.core.model.vectors import sub
+from companion.core.swarm.roster import DECIDES_AFTER_S
 from mission.common.frames import Vec3, enu_to_ned
 from tests.unit.core.core_fleet import Fleet, fleet
 from tests.unit.core.core_kit import mission
@@ -285,3 +286,50 @@ def test_a_lead_is_handed_over_to_one_that_is_there_whatever_became_of_others() 
     swarm.hung.discard(1)
     swarm.run(10.0)
     assert leaders(swarm, [3, 4, 5]) == {1}
+
+
+# --- which are here, and which have done what the phase asks ---
+
+
+def everyone(size: int, *fields: str) -> Callable[[Beacon], Beacon]:
+    """It says of all that they are here, or have done what the phase asks."""
+    return lambda sent: replace(sent, **dict.fromkeys(fields, (1 << size) - 1))
+
+
+def test_one_member_makes_no_majority_of_a_part_without_it() -> None:
+    swarm = fleet(8)
+    swarm.lies[2] = everyone(8, "present", "done")
+    swarm.apart |= {1, 2, 3}
+    swarm.run(1.4 + DECIDES_AFTER_S)  # sooner no other one decides
+    for _ in range(400):
+        swarm.tick()
+        for k in (1, 3):
+            one = swarm.aircraft[k]
+            lease = one.agent.swarm.election.lease
+            assert lease is None or not lease.quorum
+            assert one.state is FlightState.HOLD
+
+
+def test_a_chain_goes_on_by_the_word_of_the_one_neighbour_that_its_leader_hears() -> None:
+    swarm = fleet(FLEET)
+    swarm.links = {frozenset((k, k + 1)) for k in range(1, FLEET)}
+    for one in swarm.aircraft.values():  # they have never heard the others
+        for k in swarm.aircraft:
+            if abs(k - one.id) > 1:
+                one.forget(k)
+    swarm.run(10.0)
+    assert leaders(swarm, [*swarm.aircraft]) == {1}
+    leader = swarm.aircraft[1].agent
+    assert leader.swarm.election.lease is not None
+    assert leader.swarm.election.lease.quorum
+    assert [n.id for n in leader.localiser.neighbours] == [2]
+    assert leader.swarm.roster.present == 0b11111
+
+
+def test_one_member_does_not_have_a_straggler_done_that_the_others_hear() -> None:
+    swarm = fleet(FLEET, "READY")
+    swarm.aircraft[5].can_arm = False
+    swarm.lies[3] = everyone(FLEET, "done")
+    swarm.order(1, Order.START)
+    swarm.run(30.0)
+    assert phases(swarm, [1]) == {"GATHER"}

@@ -106,6 +106,15 @@ class Picture:
         """Its companion steers it."""
         return self.state in STEERED
 
+    def find_silent_here(self) -> int:
+        """Bit k-1: vehicle k was heard here in the air, and fell silent; 0 where one is heard: all goes by its word."""
+        bits = 0
+        if len(self.neighbours) > 1:
+            for vehicle, seen in self.silent.items():
+                if not seen.received:
+                    bits |= 1 << (vehicle - 1)
+        return bits
+
     def find_uncertain_peer(self, me: int, leader: int, *, gathers: bool) -> int:
         """A vehicle that may be elsewhere, or has others elsewhere; 0: none. `gathers`: the swarm waits for all."""
         if self.is_start_uncertain and leader != me and self.neighbours:

@@ -3,6 +3,10 @@
 A swarm can fall into parts that do not hear one another, and no part can tell a lost vehicle from one that flies on
 elsewhere. So only a part that holds the majority of those that took off, its leader's *quorum*, goes on with the
 mission: two parts never come to the same tree. The others hold, and join when they hear it again.
+
+Who is here comes up the routes, each vehicle by one branch. So that no branch makes a majority by itself, its word does
+not count for long for those that were heard here and fell silent, where without them there is none. And who is heard
+here has done what it says itself.
 """
 
 from __future__ import annotations
@@ -19,19 +23,36 @@ NO_MAJORITY: Final = failsafe_engine.row(Cause.NO_MAJORITY)
 # that it has none any more, also by one-way links and a bad radio: by 1.5 s of silence at each hop and the delay of
 # NO_MAJORITY, less the 1.4 s that others take to come to lead
 DECIDES_AFTER_S: Final = 5.0
+# Among trunks half of a swarm is out of sight for a second. And before another may decide this one has noticed
+DOUBTED_S: Final = 3.0
 NAMED_MAX: Final = 4  # vehicles in a message of 50 characters
 
 
 class Roster:
     """One vehicle's knowledge. `flown` only grows, and travels with every beacon; the other sets come up the routes."""
 
-    __slots__ = ("_counted_s", "_everyone", "_excluded", "_me", "_quorum_s", "done", "flown", "present")
+    __slots__ = (
+        "_behind",
+        "_counted_s",
+        "_doubted",
+        "_doubted_s",
+        "_everyone",
+        "_excluded",
+        "_me",
+        "_quorum_s",
+        "done",
+        "flown",
+        "present",
+    )
 
     def __init__(self, me: int, size: int) -> None:
         self._me = 1 << (me - 1)
         self._everyone = (1 << size) - 1
         self.done = 0
         self.present = self._me
+        self._behind: list[int] = []  # by branch: those that it brings, and that fell silent here
+        self._doubted = 0  # those that do not count as here, whatever their branch says
+        self._doubted_s: float | None = None  # since when it takes one branch's word for the majority
         self.flown = 0
         self._excluded = 0  # of whose words none count: nobody waits for them, and they are no part of the majority
         self._quorum_s: float | None = None  # when this part had the majority last
@@ -53,19 +74,54 @@ class Roster:
         """The swarm takes off: those that were ready may be in the air from now on, heard or not."""
         self.flown |= ready & self._everyone
 
-    def collect_branches(self, branches: Iterable[Beacon], *, done: bool, phase: int, stop: int = 0) -> None:
-        """This vehicle and the branches behind it; a branch in another phase has not done anything in this one."""
-        self.present, self.done = self._me, self._me if done else 0
+    def collect_branches(
+        self,
+        branches: Iterable[Beacon],
+        *,
+        done: bool,
+        phase: int,
+        stop: int = 0,
+        silent: int = 0,
+        heard: Iterable[Beacon] = (),
+    ) -> None:
+        """This vehicle and the branches behind it; a branch in another phase has not done anything in this one.
+
+        `silent`: those that fell silent here, in the air (bit k-1: vehicle k); `heard`: of all that are heard.
+        """
+        self.present, self.done, self._behind = self._me, self._me if done else 0, []
         for beacon in branches:
             self.present |= beacon.present | 1 << (beacon.sender - 1)
+            if beacon.present & silent:
+                self._behind.append(beacon.present & silent)
             if beacon.phase == phase and beacon.stop == stop:
                 self.done |= beacon.done
+        for beacon in heard:
+            its = 1 << (beacon.sender - 1) & ~self._excluded
+            if beacon.phase != phase or beacon.stop != stop or not beacon.done & its:
+                self.done &= ~its
         self.present &= self._everyone
         self.done &= self._everyone
 
     def missing_peers(self, grounded: int = 0) -> int:
         """The vehicles that took off and are not in this part. `grounded`: last heard on the ground; not counted."""
-        return self.flown & ~self.present & ~grounded & ~self._excluded
+        return self.flown & ~self.find_linked() & ~grounded & ~self._excluded
+
+    def find_linked(self) -> int:
+        """The vehicles that count as in this part; bit k-1 for vehicle k."""
+        return self.present & ~self._doubted
+
+    def _find_doubted(self, grounded: int) -> int:
+        """The vehicles that fell silent here, by the one branch without which this part is no majority; else 0."""
+        awaited = self.flown & ~grounded & ~self._excluded
+        missing = awaited & ~self.present
+        if self._is_majority(self.present, missing):
+            for doubted in self._behind:
+                if not self._is_majority(self.present & ~doubted, missing | awaited & doubted):
+                    return doubted
+        return 0
+
+    def _is_majority(self, here: int, missing: int) -> bool:
+        return (self.flown & here).bit_count() > missing.bit_count()
 
     def with_excluded(self, done: int) -> int:
         """`done`, or all, where nobody but those excluded is waited for."""
@@ -76,7 +132,14 @@ class Roster:
 
         A new leader has none until it has counted one, but what it has been handed (see `begin_lead`).
         """
-        here, missing = (self.flown & self.present).bit_count(), self.missing_peers(grounded).bit_count()
+        doubted = self._find_doubted(grounded)
+        if not doubted:
+            self._doubted_s = None
+        elif self._doubted_s is None:
+            self._doubted_s = now_s
+        self._doubted = doubted if self._doubted_s is not None and now_s - self._doubted_s >= DOUBTED_S else 0
+        here = (self.flown & self.find_linked()).bit_count()
+        missing = self.missing_peers(grounded).bit_count()
         is_counted = here > missing or not self.flown
         if is_counted:
             self._quorum_s = now_s
@@ -99,6 +162,7 @@ class Roster:
         `quorum_s`: when the leader that hands over to it had the majority last; None: nobody hands over to it.
         """
         self._quorum_s, self._counted_s = quorum_s, None
+        self._doubted, self._doubted_s = 0, None
 
 
 def list_vehicles(vehicles: Sequence[int]) -> str:

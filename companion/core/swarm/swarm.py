@@ -217,8 +217,10 @@ class Swarm:
             link_is_bad=self._is_link_bad,
         )
         branches = [follower.beacon for follower in formation.children(self.me, self.route, neighbours)]
-        phases = self.phases
-        self.roster.collect_branches(branches, done=self._has_done(picture), phase=phases.phase, stop=phases.stop)
+        heard, silent, phases = [n.beacon for n in neighbours], picture.find_silent_here(), self.phases
+        self.roster.collect_branches(
+            branches, done=self._has_done(picture), phase=phases.phase, stop=phases.stop, silent=silent, heard=heard
+        )
 
     def decide_phase(self, picture: Picture, to_goal_m: float) -> None:
         """One period as leader, `to_goal_m` from the phase's goal: whether the swarm goes on.
@@ -335,14 +337,14 @@ class Swarm:
     def _search_lost_peers(self, picture: Picture) -> None:
         """An acting leader looks for those that are lost; with the majority it goes on after a while."""
         election, phases, parts, roster = self.election, self.phases, self.partition, self.roster
-        lease = election.lease
+        lease, leads = election.lease, election.role is Role.LEADER
         whole = lease is not None and lease.established and lease.quorum and election.age <= RENEWED_PERIODS
         parts.search_lost_peers(
             picture,
             roster,
             lease,
             # A leader counts; one that hears news of one with the majority is linked to all that count.
-            linked=roster.present if election.role is Role.LEADER else roster.flown if whole else 0,
+            linked=roster.find_linked() if leads else roster.flown if whole else 0,
             role=election.role,
             to_goal_mps=-picture.to_d2_mps if phases.phase is SwarmPhase.RETURN else picture.to_d2_mps,
             ahead=[sub(position, picture.offset_ned_m) for position in phases.stops_ahead()],
@@ -350,7 +352,7 @@ class Swarm:
         )
         if (parts.waits_for and parts.recovery.goal is None) or parts.leaves_layer(picture.now_s):
             self.governor = 0.0
-        goes_on = whole and election.role is Role.LEADER and picture.is_steered and phases.phase in UNDER_WAY
+        goes_on = whole and leads and picture.is_steered and phases.phase in UNDER_WAY
         self._reports.report_waits(parts.waits_for, picture.now_s, parts.waits_until_s, roster.present, goes_on=goes_on)
 
     def goal(self) -> Goal | None:
@@ -390,10 +392,8 @@ class Swarm:
 
     def _holds(self, picture: Picture) -> list[Finding]:
         """The reasons for which it must neither follow the phase nor, as leader, decide for the swarm."""
-        election = self.election
-        return self.partition.hold_findings(
-            self.roster, picture.contacts, election.lease, picture.now_s, role=election.role
-        )
+        lease, role = self.election.lease, self.election.role
+        return self.partition.hold_findings(self.roster, picture.contacts, lease, picture.now_s, role=role)
 
     def take_reports(self) -> list[Say]:
         """The news for an operator, since they were taken last."""

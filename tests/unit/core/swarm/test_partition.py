@@ -333,3 +333,13 @@ def test_parts_that_share_a_layer_look_for_the_others_one_after_the_other(layers
         turns.setdefault(choose_layer(layers_m, leader), []).append(choose_turn(layers_m, leader))
     assert all(set(its) == set(range(TURNS)) for its in turns.values())
     assert all(one != following for its in turns.values() for one, following in pairwise(its))
+
+
+def test_who_fell_silent_here_counts_where_two_are_heard() -> None:
+    heard = [neighbour(k, (9.0, 0.0, 0.0)) for k in (2, 3)]
+    silent = {
+        4: PeerReport(4, (9.0, 0.0, 0.0), 3.0, silent=True),
+        5: PeerReport(5, (9.0, 0.0, 0.0), 3.0, silent=True, received=True),
+    }
+    assert picture(neighbours=heard, silent=silent).find_silent_here() == 0b1000
+    assert picture(neighbours=heard[:1], silent=silent).find_silent_here() == 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from companion.core.localisation.link_share import SILENCE_MAX_S
 from companion.core.model.states import SwarmPhase
 from companion.core.swarm.election import HELD_PERIODS, LEASE_PERIODS
-from companion.core.swarm.roster import DECIDES_AFTER_S, Roster, ids
+from companion.core.swarm.roster import DECIDES_AFTER_S, DOUBTED_S, Roster, ids
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import Cause
 from tests.unit.core.core_kit import beacon
@@ -130,3 +130,106 @@ def test_vehicles_that_the_mission_does_not_know_count_for_nothing() -> None:
     one.update_flown(beacon(2, flown=(1 << 256) - 1))
     one.collect_branches([beacon(2, done=0xFF00, present=0xFF02, phase=TRANSIT)], done=True, phase=TRANSIT)
     assert (one.done, one.present, one.flown) == (1, 0b11, 0b111)
+
+
+# --- those that fell silent here ---
+
+
+def told(*branches: tuple[int, int], silent: int, flown: int = 0b11111111, me: int = 1) -> Roster:
+    """`branches`: of whom, and which it says are in it."""
+    one = Roster(me, 8)
+    one.mark_launched(flown)
+    words = [beacon(k, present=present, phase=TRANSIT) for k, present in branches]
+    one.collect_branches(words, done=True, phase=TRANSIT, silent=silent)
+    return one
+
+
+def counts(one: Roster, *, grounded: int = 0) -> bool:
+    """It has the majority, and still has it when its doubts have had their time."""
+    assert one.has_quorum(10.0, grounded=grounded)
+    assert one.has_quorum(10.0 + DOUBTED_S - 0.1, grounded=grounded)
+    one.has_quorum(10.0 + DOUBTED_S, grounded=grounded)
+    return one.has_quorum(10.0 + DOUBTED_S + QUORUM_LOST_S, grounded=grounded)
+
+
+def test_one_branchs_word_of_those_that_fell_silent_here_makes_no_majority() -> None:
+    one = told((2, 0b11111110), (3, 0b100), silent=0b11111000)
+    assert not counts(one)
+    assert one.present == 0b11111111
+    assert ids(one.missing_peers()) == [4, 5, 6, 7, 8]
+    assert one.find_linked() == 0b111
+
+
+def test_those_that_are_heard_again_in_time_were_never_missed() -> None:
+    one = told((2, 0b11111110), (3, 0b100), silent=0b11111000)
+    assert one.has_quorum(10.0)
+    assert one.has_quorum(9.9 + DOUBTED_S)
+    one.collect_branches([beacon(2, present=0b11111110, phase=TRANSIT)], done=True, phase=TRANSIT)
+    assert one.has_quorum(10.0 + DOUBTED_S)
+    assert not one.missing_peers()
+    assert one.may_decide(10.0 + DECIDES_AFTER_S)
+
+
+def test_who_begins_to_lead_doubts_nobody_yet() -> None:
+    one = told((2, 0b11111110), (3, 0b100), silent=0b11111000)
+    assert not counts(one)
+    one.begin_lead(None)
+    assert not one.missing_peers()
+    assert one.has_quorum(20.0)
+
+
+def test_its_word_counts_of_those_that_were_never_heard_here() -> None:
+    one = told((2, 0b11111110), silent=0)
+    assert counts(one)
+    assert not one.missing_peers()
+    assert one.find_linked() == 0b11111111
+
+
+def test_where_the_others_are_the_majority_its_word_counts_of_the_rest() -> None:
+    one = told((2, 0b11100010), (3, 0b11100), silent=0b11100000)
+    assert counts(one)
+    assert not one.missing_peers()
+
+
+def test_one_branch_lies_at_most() -> None:
+    """A chain: the leader in its middle hears its two neighbours, and lost the others out of sight."""
+    one = told((3, 0b111), (5, 0b11110000), silent=0b11100011, me=4)
+    assert counts(one)
+    assert not one.missing_peers()
+
+
+def test_a_part_without_the_majority_misses_whom_it_missed() -> None:
+    one = told((2, 0b1110), silent=0b1000)
+    for now_s in (10.0, 20.0):
+        assert not one.has_quorum(now_s)
+        assert ids(one.missing_peers()) == [5, 6, 7, 8]
+
+
+def test_those_on_the_ground_are_not_missed_whatever_one_branch_says() -> None:
+    assert counts(told((2, 0b11111110), (3, 0b100), silent=0b11111000), grounded=0b11110000)
+
+
+def test_before_another_decides_a_leader_goes_by_no_branchs_word_alone() -> None:
+    others_act_s = 0.1 * (LEASE_PERIODS + HELD_PERIODS - 1)
+    assert others_act_s + DECIDES_AFTER_S > SILENCE_MAX_S + DOUBTED_S + QUORUM_LOST_S
+
+
+def test_who_is_heard_here_has_done_what_it_says_itself() -> None:
+    one = Roster(1, 4)
+    all_done = beacon(2, done=0b1110, present=0b1110, phase=TRANSIT)
+    for own, done in (
+        (beacon(3, done=0b100, phase=TRANSIT), 0b1111),
+        (beacon(3, done=0, phase=TRANSIT), 0b1011),
+        (beacon(3, done=0b100, phase=SwarmPhase.GATHER), 0b1011),
+        (beacon(3, done=0b100, phase=TRANSIT, stop=1), 0b1011),
+    ):
+        one.collect_branches([all_done], done=True, phase=TRANSIT, heard=[all_done, own])
+        assert one.done == done
+
+
+def test_of_a_blocked_member_that_is_heard_others_say_what_it_has_done() -> None:
+    """Its own words do not count here; where they do, they go up the routes."""
+    one = Roster(1, 3)
+    one.exclude(0b100)
+    one.collect_branches([beacon(2, done=0b110, phase=TRANSIT)], done=True, phase=TRANSIT, heard=[beacon(3)])
+    assert one.done == 0b111
