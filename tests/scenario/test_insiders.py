@@ -333,3 +333,18 @@ def test_one_member_does_not_have_a_straggler_done_that_the_others_hear() -> Non
     swarm.order(1, Order.START)
     swarm.run(30.0)
     assert phases(swarm, [1]) == {"GATHER"}
+
+
+def test_a_chain_that_is_cut_has_one_majority_by_what_each_hears_over_one_neighbour() -> None:
+    """Why one member's word is enough that a vehicle has taken off: nobody else tells of those behind it."""
+    swarm = Fleet(mission(route={"d2_enu_m": (200.0, 0.0, 8.0), "at_end": "land"}, swarm={"size": 8}))
+    swarm.links = {frozenset((k, k + 1)) for k in range(1, 8)}
+    swarm.run(4.0)
+    swarm.order(1, Order.START)
+    swarm.until("TRANSIT", limit_s=90.0)
+    swarm.links.discard(frozenset((5, 6)))
+    swarm.run(8.0)
+    for _ in range(100):
+        swarm.tick()
+        quorums = [lease.quorum for k in (1, 6) if (lease := swarm.aircraft[k].agent.swarm.election.lease)]
+        assert quorums == [True, False]
