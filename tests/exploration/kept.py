@@ -194,6 +194,7 @@ LEADS: dict[str, Keep] = {
     # All stand still here, and no time of a mission's is up: no leader gets lost, or nowhere.
     "_bound": new(lambda _: (SwarmPhase.ASSEMBLE, 0)),
     "_way_ned_m": new(lambda _: []),
+    "_way_stop": new(lambda _: -1),
     "_left": new(lambda _: 0),
     "_moved_ned_m": new(lambda _: None),
     "_moved_s": new(to_s),

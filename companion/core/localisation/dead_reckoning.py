@@ -27,7 +27,7 @@ RECKONS_S: Final = 5.0  # PX4's EKF2_NOAID_TOUT: then nobody controls the drift,
 AHEAD_S: Final = 1.0  # of what is said: the others need so long to be further away
 BACK_S: Final = failsafe_engine.row(Cause.GNSS_LOST).lingers_s  # fixes that come for so long are gone by again
 # Of fixes, by which an estimator goes by them at the latest: EKF2 checks them for 1 s, and resets after 7 s without one
-RESETS_S: Final = 10.0
+RESETS_S: Final = 10.0 * BACK_S
 RESET_M: Final = 0.5  # a position that leaves its velocity so far in one step was reset: inertial ones are smooth
 SILENT_S: Final = 5.0  # asked for at 5 Hz, some send it at 1 Hz, and it is asked for again twice (streams) by then
 ERROR_MAX_M: Final = 25.0

@@ -144,7 +144,7 @@ class PeerTable:
 
     def contacts(self) -> PeerContacts:
         """The last of each vehicle, as a value."""
-        return PeerContacts(tuple(self._heard.values()), tuple(self._vouched().values()) if self._doubted else None)
+        return PeerContacts(tuple(self._heard.values()), tuple(self._doubted.values()))
 
     def silent_airborne(
         self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float, launched: bool = False

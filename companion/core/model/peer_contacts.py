@@ -59,12 +59,18 @@ class PeerContacts:
     """The last contact with each vehicle that was ever heard, by ascending id."""
 
     all: Final[tuple[PeerContact, ...]]
-    vouched: Final[tuple[PeerContact, ...]]  # the last for which its sender vouches
+    doubted: Final[tuple[PeerContact, ...]]  # of those for whose last nobody vouches: the last for which somebody did
 
-    def __init__(self, all: tuple[PeerContact, ...] = (), vouched: tuple[PeerContact, ...] | None = None) -> None:
-        """`vouched`: None: `all`."""
+    def __init__(self, all: tuple[PeerContact, ...] = (), doubted: tuple[PeerContact, ...] = ()) -> None:
         self.all = all
-        self.vouched = all if vouched is None else vouched
+        self.doubted = doubted
+
+    def vouched(self) -> tuple[PeerContact, ...]:
+        """The last contact with each vehicle for which its sender vouches, or the only one."""
+        if not self.doubted:
+            return self.all
+        instead = {heard.beacon.sender: heard for heard in self.doubted}
+        return tuple([instead.get(heard.beacon.sender, heard) for heard in self.all])
 
     def beacons(self, now_s: float, *, within_s: float) -> list[Beacon]:
         """The last of each sender heard within that time, by ascending id."""
@@ -73,7 +79,7 @@ class PeerContacts:
     def heard_last(self, among: int) -> Vec3 | None:
         """Last position of the one of `among` (bit k-1: vehicle k) that was heard last, in own odometry; or None."""
         last: PeerContact | None = None
-        for heard in self.vouched:
+        for heard in self.vouched():
             if among >> (heard.beacon.sender - 1) & 1 and (last is None or heard.at_s > last.at_s):
                 last = heard
         return None if last is None else add(last.own_pos_ned_m, last.rel_ned_m)
@@ -81,7 +87,7 @@ class PeerContacts:
     def grounded(self) -> int:
         """Bit k-1: vehicle k was last heard on the ground, after its flight or when the swarm had left without it."""
         bits = 0
-        for heard in self.vouched:
+        for heard in self.vouched():
             beacon = heard.beacon
             stays = beacon.state is FlightState.LANDED or beacon.phase >= SwarmPhase.TRANSIT
             if not beacon.airborne and stays:
@@ -91,7 +97,7 @@ class PeerContacts:
     def ready(self, now_s: float) -> int:
         """Bit k-1: vehicle k was about to take off, or in the air, when it was last heard, not long ago."""
         bits = 0
-        for heard in self.vouched:
+        for heard in self.vouched():
             if now_s - heard.at_s <= READY_COUNTS_S and (heard.beacon.airborne or heard.beacon.state in CLIMBING):
                 bits |= 1 << (heard.beacon.sender - 1)
         return bits

@@ -506,8 +506,8 @@ ROWS: tuple[Row, ...] = (
         Severity.CRITICAL,
         "hold: GNSS fix lost",
         until="it has had one for {lingers_s} s, and, where it may be more than 1.5 m off, its position has jumped "
-        "since or it has had one for 10 s; meanwhile its beacons say how far it may be off, and the others keep so "
-        "much further away",
+        "since or it has had one for ten times as long; meanwhile its beacons say how far it may be off, and the "
+        "others keep so much further away",
         delay_s=0.5,
         lingers_s=1.0,  # an estimator takes its first fixes, and jumps to them
         resigns=True,

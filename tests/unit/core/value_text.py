@@ -32,7 +32,8 @@ CONSTANTS = {"CALM": response_model.CALM, "LEADER_ROUTE": formation.LEADER_ROUTE
 
 # The last turns of a sensor, some thousand numbers each: None when they are read back, as if all had been looked at
 UNWRITTEN = ("sight",)
-LATER = {"free_up_m": -math.inf, "error_m": 0.0}  # fields that transcripts before them do not have, as they were then
+# Fields that transcripts before them do not have, as they were then
+LATER = {"free_up_m": -math.inf, "error_m": 0.0, "is_vouched": True, "doubted": ()}
 SHORT = 8  # a longer tuple is written as runs of what is the same
 
 
