@@ -137,6 +137,8 @@ def test_so_many_signatures_are_checked_in_a_second_and_no_more() -> None:
         for k in range(CHECKS_MAX + 5):
             two.guard.take_proof(manifest_of(forger, 100.0 * begins_s + 2.0 * k), begins_s)
         assert dict(two.guard.refused) == {"forged manifest": CHECKS_MAX, "too many manifests": 5}
+    texts = [say.text for say in two.guard.take_says()]
+    assert texts == ["flood of manifests in the name of vehicle 1"]
 
 
 def test_what_waited_while_a_receiver_stalled_does_not_make_it_deaf() -> None:
