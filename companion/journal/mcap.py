@@ -126,7 +126,10 @@ def read_head(data: bytes) -> bytes:
 
 
 def read_chunks(data: bytes, at: int) -> Iterator[tuple[int, bytes]]:
-    """Offset and body of each chunk, from byte `at` on, behind the head. TornError, McapError where that ends early."""
+    """Offset and body of each chunk, from byte `at` on, behind the head. TornError, McapError where that ends early.
+
+    A file that was closed is not torn.
+    """
     written = len(data.rstrip(b"\0"))  # no record of ours ends in a zero, but DataEnd
     end_bytes = end()
     while True:
@@ -137,7 +140,12 @@ def read_chunks(data: bytes, at: int) -> Iterator[tuple[int, bytes]]:
             raise TornError(at, "ends without its footer" if max(at, written) == len(data) else _zeros(written))
         if rest[0] != CHUNK:
             raise McapError(at, "bytes that are no chunk")
-        record = _read_record(data, at, written)
+        try:
+            record = _read_record(data, at, written)
+        except TornError:
+            if data.endswith(end_bytes):  # nothing that was cut off ends so
+                raise McapError(at, "a record that does not end in its file, which was closed") from None
+            raise
         yield at, record[_RECORD.size :]
         at += len(record)
 

@@ -133,8 +133,8 @@ def read_flight(flight: Flight) -> Iterator[Item]:
             end = f"{path.name}, byte {error.offset}: {error.why}"
         except mcap.McapError as error:
             yield Break(f"{path.name}, byte {error.offset}: {error.why}")
-    if not chain.has_ended:
-        yield CutOff(end or "no last entry")
+    if not chain.has_ended:  # power may be lost between two segments
+        yield CutOff(end or "no last entry, though its file was closed: of one that is not full entries were taken off")
 
 
 def _file_bytes(path: Path) -> bytes:

@@ -7,6 +7,7 @@ go, oldest first: those of earlier flights, then the first of this one, which th
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 from collections.abc import Sequence
@@ -17,6 +18,7 @@ from companion.journal import mcap
 from companion.journal.journal import Batch, Outcome
 
 SEGMENT_BYTES: Final = 32 << 20
+_DISK_ERRORS: Final = (errno.ENOSPC, errno.EIO, errno.EDQUOT)
 BYTES_MAX: Final = 1 << 30  # of one vehicle; 6 hours with all of PX4's streams, 14 with those that are asked for
 FILES_MAX: Final = 10_000  # of one vehicle: a companion that is started again and again makes small ones
 NAME: Final = re.compile(r"vehicle-(\d+)-flight-(\d+)-(\d+)\.mcap")
@@ -76,7 +78,10 @@ class SegmentFiles:
                 os.fsync(self._fd)
         except OSError as error:
             self._let_go()
-            return Outcome(written, error.strerror or str(error), tuple(self._lines))
+            why = error.strerror or str(error)
+            if error.errno not in _DISK_ERRORS:  # of a folder that cannot be one: it is to be named
+                why = f"{self.folder}: {why}"
+            return Outcome(written, why, tuple(self._lines))
         return Outcome(written, "", tuple(self._lines))
 
     def close(self) -> None:

@@ -128,11 +128,24 @@ def test_a_changed_byte_without_its_crc_is_named_by_its_place(flight: Flight) ->
     assert found[1].startswith("ticks ")
 
 
+@pytest.mark.parametrize("byte", [2, 3, 5])
+def test_a_chunk_whose_length_was_changed_is_no_cut_of_a_file_that_was_closed(byte: int, flight: Flight) -> None:
+    """Or all behind it would pass for lost by a power cut."""
+    path = flight.segments[1]
+    data = bytearray(path.read_bytes())
+    offset, _ = list(mcap.read_chunks(bytes(data), len(mcap.read_head(bytes(data)))))[2]
+    data[offset + 1 + byte] ^= 0x40
+    path.write_bytes(data)
+    found = breaks(list(read_flight(flight)))
+    assert found[0].startswith(f"{path.name}, byte {offset}: ")
+
+
 def test_a_log_without_its_last_entry_says_so(flight: Flight) -> None:
     forge(flight.segments[1], remove_end)
     items = list(read_flight(flight))
     assert breaks(items) == []
     assert isinstance(items[-1], CutOff)
+    assert "entries were taken off" in items[-1].what
 
 
 def test_a_chain_that_was_made_anew_has_another_head(flight: Flight) -> None:

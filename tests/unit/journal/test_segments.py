@@ -154,7 +154,8 @@ def test_a_disk_that_is_full_from_the_start_refuses_no_flight(tmp_path: Path, mo
 def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
     outcome = files(tmp_path / "file" / "folder").write(ONE)
-    assert (outcome.written, outcome.error) == (0, os.strerror(errno.ENOTDIR))
+    why = f"{tmp_path / 'file' / 'folder'}: {os.strerror(errno.ENOTDIR)}"
+    assert (outcome.written, outcome.error) == (0, why)
 
 
 def test_the_file_is_open_for_appending_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
