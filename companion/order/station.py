@@ -214,7 +214,7 @@ class OperatorStation:
             case OrderKind.HOLD:
                 return has_it and said.state in (*HELD, *ENDED)
             case OrderKind.START:
-                return has_it and said.start
+                return has_it and said.start and said.state is not FlightState.WAITING
             case None:
                 return True
 

@@ -128,6 +128,16 @@ ACTS = [
 ]
 
 
+def test_one_that_waits_does_not_act_on_a_start_whatever_it_has_obeyed() -> None:
+    """It is grounded, or not ready, and goes nowhere: it is named."""
+    ground = Ground()
+    ground.hear(1, state=FlightState.WAITING, airborne=False)
+    payload = ground.order(START).payload
+    for state, left in ((FlightState.WAITING, [1]), (FlightState.TAKING_OFF, [])):
+        ground.hear(1, passes_on=payload, state=state, airborne=False, start=True)
+        assert ground.station.waits_for(ground.now_s) == left
+
+
 @pytest.mark.parametrize(("kind", "shown", "must_pass_on"), ACTS)
 def test_vehicle_acts_on_an_order_when_it_shows_it(
     kind: OrderKind, shown: dict[str, object], must_pass_on: bool
