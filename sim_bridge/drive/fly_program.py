@@ -114,6 +114,8 @@ def _mission(args: argparse.Namespace, external: ExternalAutopilots | None) -> t
     mission = with_options(mission, {kind: getattr(args, kind.value) for kind in FaultKind})
     if external is None:
         simulator.check(mission, str(args.mission))
+        if args.signed and any(fault.kind is FaultKind.INSIDER for fault in mission.sim.faults):
+            _fly_in_process(args, "--signed, with an insider", "what lies for a process has not its keys")
     else:
         simulator.needs_satellites(mission, str(args.mission), "--autopilots: the bridge has no range radios for these")
         for fault in mission.sim.faults:

@@ -89,6 +89,11 @@ def test_a_report_made_anew_still_says_whose_law_it_was(tmp_path: Path) -> None:
         (["--law", "nowhere.py"], 2, "law nowhere.py: cannot be read: No such file or directory"),
         (["--law", str(EXAMPLE), "--agents", "processes"], 2, "--agents must be in-process"),
         (
+            ["--signed", "--insider", "2@transit:push", "--agents", "processes"],
+            2,
+            "--signed, with an insider: what lies for a process has not its keys: --agents must be in-process",
+        ),
+        (
             ["--no-safety-filter", "--autopilots", "udpin://127.0.0.1:14550"],
             2,
             "--no-safety-filter: flies in the bridge",
