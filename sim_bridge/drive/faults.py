@@ -56,7 +56,9 @@ def parsed(kind: FaultKind, text: str) -> dict[str, Any]:
     found, lies = _TEXT.fullmatch(text), FORMS[kind].lies
     colons = 0 if found is None else found["numbers"].count(":") + lies
     if found is None or (found["lie"] is not None) is not lies or colons not in [form.count(":") for form in forms]:
-        raise ValueError(f"must be {' or '.join(forms)}, as {example}. {GRAMMAR}")
+        of_lies = f" LIE: {', '.join(Lie)}." if lies else ""
+        of_numbers = " Numbers: of 12 digits at most, and no exponent."
+        raise ValueError(f"must be {' or '.join(forms)}, as {example}. {GRAMMAR}{of_lies}{of_numbers}")
     values = map(float, found["numbers"].split(":")[1:])
     return {
         "kind": kind.value,
