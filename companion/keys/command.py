@@ -88,8 +88,10 @@ def _rotate(arguments: argparse.Namespace) -> int:
 
 def _revoke(arguments: argparse.Namespace) -> int:
     vehicle: int = arguments.vehicle
+    given_up: list[Step] = []
 
     def change(operator: Keyring) -> Keyring:
+        given_up.append(step_of(operator))
         others = sorted(operator.vehicles.keys() - {vehicle})
         if vehicle not in operator.vehicles:
             raise KeyFileError(
@@ -106,6 +108,11 @@ def _revoke(arguments: argparse.Namespace) -> int:
         return EXIT_NOT_YET
     print(f"vehicle {vehicle} is revoked: its file is deleted, its signature is worth nothing where the new files are")
     print("with the swarm's secret it can still sign frames as one of the swarm, until the third step is installed")
+    if given_up == [Step.NEW_ACTIVE]:
+        print(
+            "WARNING: a rotation was in its second step: vehicles that have not got those files do not hear the new "
+            "ones; give them these before any flies"
+        )
     _print_step(arguments.folder, fleet)
     return EXIT_DONE
 

@@ -117,6 +117,17 @@ def test_revoked_vehicle_has_no_file_and_is_in_none(fleet: Path, capsys: pytest.
     assert "vehicle 3 is the last" in said(capsys, fleet, "revoke", "fleet", "3", code=2)
 
 
+@pytest.mark.parametrize(("steps", "warns"), [(0, False), (1, False), (2, True)])
+def test_a_revocation_that_gives_up_the_second_step_of_a_rotation_warns(
+    steps: int, fleet: Path, capsys: pytest.CaptureFixture[str], *, warns: bool
+) -> None:
+    for _ in range(steps):
+        said(capsys, fleet, "rotate", "fleet")
+    told = said(capsys, fleet, "revoke", "fleet", "2")
+    assert ("WARNING: a rotation was in its second step" in told) is warns
+    assert "step 1 of 3" in told
+
+
 def interrupt(folder: Path) -> None:
     """Leaves a step at which vehicle 3 has not come to its file."""
     before = (folder / "vehicle-3.key").read_bytes()
