@@ -234,6 +234,7 @@ class SignedGuard:
             return False
         if manifest.boot in self._past.get(sender, ()):
             self.refused["of a boot that is over"] += 1
+            self._report_text(f"recording of {name_of(sender)}: ignored", now_s)
             return False
         stream = self._streams.get(sender)
         if stream is not None and manifest.boot == stream.boot and stream.has_heard(manifest, signed, signature):

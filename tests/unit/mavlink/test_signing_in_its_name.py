@@ -45,6 +45,7 @@ def test_a_boot_that_another_one_has_followed_never_counts_again() -> None:
         now_s += PERIOD_S
     assert two.heard == []
     assert two.guard.refused["of a boot that is over"] > 0
+    assert "recording of vehicle 1: ignored" in two.texts
     now_s = exchange([again, two], now_s, 12)
     assert two.guard.boots() == {1: 77}
     assert all(sender == 1 for sender, _ in two.heard)
