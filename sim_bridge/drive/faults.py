@@ -57,8 +57,8 @@ def parsed(kind: FaultKind, text: str) -> dict[str, Any]:
     colons = 0 if found is None else found["numbers"].count(":") + lies
     if found is None or (found["lie"] is not None) is not lies or colons not in [form.count(":") for form in forms]:
         of_lies = f" LIE: {', '.join(Lie)}." if lies else ""
-        of_numbers = " Numbers: of 12 digits at most, and no exponent."
-        raise ValueError(f"must be {' or '.join(forms)}, as {example}. {GRAMMAR}{of_lies}{of_numbers}")
+        form = f"must be {' or '.join(forms)}, as {example}"
+        raise ValueError(f"{form}. {GRAMMAR}{of_lies} Numbers: of 12 digits at most, and no exponent.")
     values = map(float, found["numbers"].split(":")[1:])
     return {
         "kind": kind.value,
