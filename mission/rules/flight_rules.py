@@ -14,7 +14,7 @@ from mission.common.frames import Vec3
 from mission.common.problems import Path, dotted, shown
 from mission.schema.conflict import Conflict, conflict, order, path_of, show_key
 from mission.schema.fault_kinds import FORMS, Needs
-from mission.schema.faults import Fault, FaultKind
+from mission.schema.faults import Fault, FaultKind, Lie
 from mission.schema.sim import Placement
 from mission.schema.tables import AtEnd, CoverageShape, MissionTables
 
@@ -232,6 +232,9 @@ def _fault_needs(mission: MissionTables, fault: Fault, path: Path) -> Iterator[C
     if not there.get(need, True):
         where: Path = ("survey" if need is Needs.RECORDS else need.name.lower(),)
         yield Conflict(((*path, "kind"), where), shown(fault.kind.value), need.value)
+    if fault.lie is Lie.RANGES and not mission.flies_by_ranges:
+        message = f"needs [ranging], and vehicles without satellites ({show_key(mission, 'swarm.gnss')})"
+        yield Conflict(((*path, "lie"), ("swarm", "gnss"), ("ranging",)), shown(fault.lie.value), message)
 
 
 def _coverage_spacing(mission: MissionTables) -> Iterator[Conflict]:

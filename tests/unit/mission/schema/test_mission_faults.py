@@ -97,6 +97,11 @@ def test_a_fault_loads_and_its_dump_loads_back_equal(table: str) -> None:
             11,
             'sim.faults[0].kind = "range-errors": needs [ranging]: without it no vehicle has a range radio',
         ),
+        (
+            'kind = "insider"\nat_s = 1\nlie = "ranges"',
+            13,
+            'sim.faults[0].lie = "ranges": needs [ranging], and vehicles without satellites (swarm.gnss = "all")',
+        ),
         ('kind = "position-jump"\nat_s = 1', 10, "sim.faults[0] = a table: position-jump: needs jump_m"),
         (
             'kind = "height-error"\nat_s = 1\nheight_m = 51',
