@@ -54,7 +54,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--signed",
         action="store_true",
         help="with keys of this flight: frames of the radio are signed, and the start is an order of the operator's "
-        "key",
+        "key. Companions that are processes have theirs in the run folder, in keys/, readable by you alone",
     )
     add_entrant(parser)
     wrong = parser.add_argument_group("simulated faults", f"Besides the mission's [[sim.faults]]. {GRAMMAR}")

@@ -128,6 +128,8 @@ def test_signed_flight_has_its_key_files_beside_it(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["verdict"] == "ARRIVED"
     assert "radio signed: vehicle 1" in (tmp_path / "run" / "companions" / "companion-1.log").read_text()
+    assert (tmp_path / "run" / "keys").stat().st_mode & 0o777 == 0o700
+    assert [file.name for file in (tmp_path / "run" / "keys").iterdir()] == ["vehicle-1.key"]
     assert (tmp_path / "run" / "keys" / "vehicle-1.key").stat().st_mode & 0o777 == 0o600
     refused = sim_bridge("fly", str(one(tmp_path)), "--signed", "--autopilots", "udpin://127.0.0.1:14540")
     assert refused.returncode == 2
