@@ -144,6 +144,8 @@ def _announce(
         progress.event(0.0, note)
     if mission.flies_blind:
         progress.event(0.0, "no [sensing]: vehicles do not see the forest")
+    if not args.signed and any(fault.kind is FaultKind.OUTSIDER for fault in mission.sim.faults):
+        progress.event(0.0, "an outsider without --signed: what it sends counts as the members' own")
     if not entrant.is_ours:
         progress.event(0.0, f"not ours: {entrant.note()}")
 

@@ -136,6 +136,15 @@ def test_signed_flight_has_its_key_files_beside_it(tmp_path: Path) -> None:
     assert "--signed: flies in the bridge alone" in refused.stderr
 
 
+@pytest.mark.parametrize("signed", [(), ("--signed",)])
+def test_an_outsider_of_an_unsigned_swarm_is_told_for_what_it_is(signed: tuple[str, ...], tmp_path: Path) -> None:
+    asked = ("--airframe", "point-mass", "--agents", "in-process", "--outsider", "1@2", *signed)
+    done = sim_bridge("fly", str(one(tmp_path)), *asked, "--out", str(tmp_path / "run"))
+    assert done.returncode in (0, 1), done.stderr
+    said = "an outsider without --signed: what it sends counts as the members' own"
+    assert (said in done.stderr) is (signed == ())
+
+
 def test_verdict_that_cannot_be_written_is_an_error_in_a_line_and_the_flight_is_kept(tmp_path: Path) -> None:
     with open("/dev/full", "wb") as full:
         command = [*FLY_ONE, str(one(tmp_path)), "--out", str(tmp_path / "run")]
