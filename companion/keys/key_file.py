@@ -18,6 +18,7 @@ from mission.schema.kinds import MAX_VEHICLES
 FORMAT = 1
 BYTES_MAX = 64 * 1024  # 250 vehicles are 18 KiB
 NAMES = ("format", "owner", "seed", "active", "operator", "secrets", "vehicles")
+NO_KEY = "# none"  # SetCredential of the service's unit, where there is no file
 OWNER_OPERATOR = "operator"
 SECRETS_MAX = 2
 DIFFERENT_MIN = 8  # of 32 random bytes 30 differ on average
@@ -77,8 +78,10 @@ def render_keyring(keyring: Keyring) -> str:
 def parse_keyring(text: str, place: str) -> Keyring:
     """The keyring that `render_keyring` made this text of. KeyFileError begins with `place`."""
     document = _toml(text, place)
-    if not document:
+    if not document and text.strip() in ("", NO_KEY):
         raise KeyFileError(f"{place}: is empty: no key is installed")
+    if not document:
+        raise KeyFileError(f"{place}: has no key in it, only a comment ({len(text)} bytes): it may have been cut off")
     if "format" in document and (type(document["format"]) is not int or document["format"] != FORMAT):
         raise KeyFileError(f"{place}: format = {_shown(document['format'])}: must be {FORMAT}")
     for name in document:

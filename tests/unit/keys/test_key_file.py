@@ -42,6 +42,8 @@ def test_operators_file_holds_no_private_key_of_a_vehicle():
         (lambda t: t.replace("format = 1\n", ""), "key: format: is missing"),
         (lambda _: "", "key: is empty: no key is installed"),
         (lambda _: "# none", "key: is empty: no key is installed"),  # the unit's, where there is no file
+        (lambda t: t[:1], "key: has no key in it, only a comment (1 bytes): it may have been cut off"),
+        (lambda t: t[:40], "key: has no key in it, only a comment (40 bytes): it may have been cut off"),
         (lambda t: "colour = 1\n" + t, "key: colour: no such key: must be one of format, owner, "),
         (lambda t: f'"{SECRET}" = 1\n' + t, "key: (a name of 64 characters): no such key"),
         (lambda t: t.replace("owner = 2", "owner = 251"), "key: owner = 251: must be a vehicle's id, 1 to 250, or "),
