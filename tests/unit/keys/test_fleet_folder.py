@@ -54,6 +54,17 @@ def test_new_fleet_is_one_file_for_each_and_nobodys_but_the_users(tmp_path: Path
     assert {other.seed, *other.secrets.values()}.isdisjoint({rings[0].seed, *rings[0].secrets.values()})
 
 
+def test_files_of_a_folder_that_others_may_look_into_stay_nobodys_but_the_users(tmp_path: Path):
+    make_fleet(tmp_path / "fleet", 2)
+    (tmp_path / "fleet").chmod(0o755)
+    before = os.umask(0)
+    try:
+        change_fleet(tmp_path / "fleet", begin)
+    finally:
+        os.umask(before)
+    assert {stat.S_IMODE(entry.stat().st_mode) for entry in (tmp_path / "fleet").iterdir()} == {0o600}
+
+
 @pytest.mark.parametrize("there", ["folder", "empty", "file", "link"])
 def test_what_is_there_is_never_overwritten(there: str, tmp_path: Path):
     path = tmp_path / "fleet"
