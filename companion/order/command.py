@@ -129,8 +129,12 @@ def _send(radio: _Radio, kind: OrderKind, hand_back: int, for_s: float) -> int:
     radio.run(for_s, is_done)
     now_s = time.monotonic()
     heard, waits_for = station.vehicles(now_s), station.waits_for(now_s)
-    acting = [vehicle for vehicle in heard if vehicle not in waits_for]
-    _show(f"{kind.name}: {f'acting on it: {list_ids(acting)}' if acting else 'nobody is heard to act on it'}")
+    aborted = station.overruled(now_s)
+    acting = [vehicle for vehicle in heard if vehicle not in waits_for and vehicle not in aborted]
+    if aborted:
+        _show(f"{kind.name}: ABORT stays in force, which is above it: {list_ids(aborted)}")
+    if acting or not aborted:
+        _show(f"{kind.name}: {f'acting on it: {list_ids(acting)}' if acting else 'nobody is heard to act on it'}")
     if waits_for:
         _show(f"{kind.name}: heard, and not acting on it: {list_ids(waits_for)}")
     return EXIT_DONE if heard and not waits_for else EXIT_NOT_ALL

@@ -202,6 +202,12 @@ class OperatorStation:
         """Vehicles that are heard and do not show that they act on the order."""
         return [vehicle for vehicle in self.vehicles(now_s) if not self._acts(self._heard[vehicle])]
 
+    def overruled(self, now_s: float) -> list[int]:
+        """Vehicles of which a LAND is ordered, and which an ABORT lands, that is above it."""
+        if self._kind is not OrderKind.LAND:
+            return []
+        return [vehicle for vehicle, said in self.vehicles(now_s).items() if said.abort]
+
     def _acts(self, heard: _Heard) -> bool:
         said, has_it = heard.said, heard.passed_on == self._payload
         if self._kind is not None and not heard.is_proven:
@@ -210,7 +216,7 @@ class OperatorStation:
             case OrderKind.ABORT:
                 return said.abort
             case OrderKind.LAND:
-                return (has_it and said.phase is SwarmPhase.LAND) or said.state in ENDED
+                return (has_it and said.phase is SwarmPhase.LAND) or said.state in ENDED or said.abort
             case OrderKind.HOLD:
                 return has_it and said.state in (*HELD, *ENDED)
             case OrderKind.START:

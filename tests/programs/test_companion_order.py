@@ -57,6 +57,14 @@ def test_abort_and_hold_reach_all_and_the_exit_code_says_so(folder: Path, port: 
     assert (folder / "fleet" / "operator.key.orders").stat().st_mode & 0o777 == 0o600
 
 
+def test_a_land_after_an_abort_is_told_as_what_it_is(folder: Path, port: int, vehicles: Vehicles) -> None:
+    peers = ["--peers", f"udpin://127.0.0.1:{port}"]
+    assert run(order(folder, "abort", *peers))[0] == 0
+    code, out, err = run(order(folder, "land", *peers))
+    assert (code, out, err) == (0, "LAND: ABORT stays in force, which is above it: 1, 2\n", "")
+    assert len(vehicles.obeyed) == 2
+
+
 def test_vehicle_that_does_not_act_is_named_and_costs_the_exit_code(folder: Path, port: int) -> None:
     vehicles = Vehicles(folder, port, deaf=2)
     try:

@@ -207,7 +207,11 @@ class OrderBook:
 
     def _act(self, order: SignedOrder, *, hands_back: bool) -> OperatorOrder:
         self._latched = max(self._latched, order.kind.latched)
-        self._says.append(Say(Severity.INFO, f"order obeyed: {order.kind.name}"))
+        say = Say(Severity.INFO, f"order obeyed: {order.kind.name}")
+        if order.kind.latched < self._latched:
+            above = OrderKind(self._latched).name
+            say = Say(Severity.WARNING, f"{order.kind.name} changes nothing: {above} stays in force")
+        self._says.append(say)
         return OperatorOrder(order.kind.order, hands_back)
 
     # --- out ---

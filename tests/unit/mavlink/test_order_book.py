@@ -121,6 +121,15 @@ def test_land_and_abort_that_come_after_a_later_order_are_obeyed() -> None:
     assert one.obeys(order(LAND, 13), order(ABORT, 11)) == []
 
 
+@pytest.mark.parametrize(("first", "then"), [(ABORT, LAND), (ABORT, HOLD), (LAND, HOLD)])
+def test_an_order_below_what_stays_in_force_is_not_told_as_obeyed(first: OrderKind, then: OrderKind) -> None:
+    one = flying()
+    one.hear(order(first, 11))
+    one.said.clear()
+    one.hear(order(then, 12))
+    assert one.said == [f"{then.name} changes nothing: {first.name} stays in force"]
+
+
 def test_two_that_come_at_once_are_obeyed_in_the_operators_order() -> None:
     one = flying()
     assert one.obeys(order(START, 13), order(HOLD, 11)) == [Order.HOLD, Order.START]

@@ -159,6 +159,16 @@ def test_vehicle_acts_on_an_order_when_it_shows_it(
     assert ground.station.waits_for(ground.now_s) == []
 
 
+def test_a_land_is_overruled_by_an_abort_and_not_waited_for() -> None:
+    ground = Ground()
+    ground.hear(1, state=FlightState.TRANSIT, abort=True)
+    ground.hear(2, state=FlightState.TRANSIT, abort=False)
+    ground.order(LAND)
+    assert (ground.station.overruled(ground.now_s), ground.station.waits_for(ground.now_s)) == ([1], [2])
+    ground.order(HOLD)
+    assert ground.station.overruled(ground.now_s) == []
+
+
 def test_vehicle_that_is_not_heard_any_more_is_not_waited_for() -> None:
     ground = Ground()
     ground.hear(1)
