@@ -94,7 +94,8 @@ class OrderBook:
         self._me, self._size, self._boot = me, size, boot
         self._marks = marks
         self._candidates = Candidates(boot)
-        self._mark = 0  # the highest counter that was seen
+        self._mark = 0  # the highest counter that was seen,
+        self._newest = b""  # and the genuine order that it is of
         self._flight = NO_FLIGHT  # that this vehicle is in
         self._latched = 0  # the rank of what it has obeyed, and cannot be taken back
         self._carried: SignedOrder | None = None  # passed on
@@ -127,8 +128,8 @@ class OrderBook:
         if payload is None:
             return False
         carried = self._carried
-        if carried is not None and payload == carried.payload:
-            return True
+        if payload == self._newest or (carried is not None and payload == carried.payload):
+            return True  # decided on: its sender goes on sending it
         order = read_order(payload)
         if order is None:
             self._refuse("malformed", now_s)
@@ -168,7 +169,8 @@ class OrderBook:
         """A genuine one, which is news: passed on in any case; True: it is to be acted on."""
         reason = self._find_objection(order, airborne=airborne)
         before = self._flight
-        self._mark = max(self._mark, order.counter)  # also of what is refused: what was ordered before it is over
+        if order.counter > self._mark:  # also of what is refused: what was ordered before it is over
+            self._mark, self._newest = order.counter, order.payload
         if not reason and order.flight != NO_FLIGHT:
             self._flight = order.flight
         if self._replaces(order):

@@ -112,6 +112,22 @@ def test_replayed_within_its_flight_is_not(kind: OrderKind) -> None:
     assert one.said == ["order refused: replayed"]
 
 
+@pytest.mark.parametrize("landing", [LAND, ABORT])
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_order_that_is_sent_on_behind_a_landing_is_no_replay(kind: OrderKind, landing: OrderKind) -> None:
+    """It is not passed on instead of what lands, and its operator repeats it for 15 s."""
+    one = flying()
+    one.hear(order(landing, 11))
+    one.now_s += SETTLED_S + 1.0
+    one.hear(order(kind, 12))
+    one.said.clear()
+    for _ in range(300):
+        assert one.obeys(order(kind, 12)) == []
+    assert (one.said, one.book.refused["replayed"]) == ([], 0)
+    one.hear(order(START, 10))  # an older one is one
+    assert one.said == ["order refused: replayed"]
+
+
 def test_land_and_abort_that_come_after_a_later_order_are_obeyed() -> None:
     """Latched: acting twice changes nothing, and not acting once does."""
     one = flying()
