@@ -17,6 +17,7 @@ from companion.journal.journal import BEGIN, begin_chain
 from companion.journal.segments import find_segments, segment_key
 
 SEGMENT_BYTES_MAX = 1 << 30  # more is no segment of ours
+NAMED = "vehicle-K-flight-F-S.mcap"
 
 
 class BlackBoxError(Exception):
@@ -91,9 +92,9 @@ Item = Start | Recorded | Gap | Break | CutOff
 def find_flights(path: Path) -> list[Flight]:
     """All flights in a folder, or the one of a segment. BlackBoxError: there is none."""
     try:
-        key = segment_key(path)
+        key = None if path.is_dir() else segment_key(path)
         if path.is_file() and key is None:
-            raise BlackBoxError(f"{path}: is no black box: must be a folder, or vehicle-K-flight-F-S.mcap in it")
+            raise BlackBoxError(f"{path}: is no black box: must be a folder, or {NAMED} in it")
         segments = find_segments(path if key is None else path.parent)
     except OSError as error:
         raise BlackBoxError(f"{path}: cannot be read: {error.strerror}") from None
@@ -102,7 +103,7 @@ def find_flights(path: Path) -> list[Flight]:
         if key is None or key[:2] == (vehicle_id, number):
             flights.setdefault((vehicle_id, number), {})[segment] = file
     if not flights:
-        raise BlackBoxError(f"{path}: holds no black box")
+        raise BlackBoxError(f"{path}: holds no black box: no file is named {NAMED}")
     return [Flight(vehicle_id, number, files) for (vehicle_id, number), files in flights.items()]
 
 
@@ -128,7 +129,10 @@ def read_flight(flight: Flight) -> Iterator[Item]:
                 except mcap.McapError as error:
                     yield Break(f"{path.name}, byte {error.offset}: {error.why}")
                     continue
-                yield from chain.read_entries(messages)
+                for item in chain.read_entries(messages):
+                    yield item
+                    if isinstance(item, Start) and item.body.get("vehicle") != flight.vehicle_id:
+                        yield Break(f"{path.name}: is of vehicle {item.body.get('vehicle')}: its file was renamed")
         except mcap.TornError as error:  # or not closed: the next segment says whether all is there
             end = f"{path.name}, byte {error.offset}: {error.why}"
         except mcap.McapError as error:

@@ -104,6 +104,34 @@ def test_what_is_no_box(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert capsys.readouterr().err == f"companion: {tmp_path}/none: cannot be read: No such file or directory\n"
 
 
+@pytest.mark.parametrize("name", ["renamed", "vehicle-3-flight-0001-0001.mcap"])
+def test_a_folder_may_have_any_name(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recorded(tmp_path / name)
+    assert cli.main(["replay", str(tmp_path / name)]) == 0
+    assert capsys.readouterr().out.splitlines()[0] == "vehicle 3, flight 1, 1 segments"
+
+
+def test_a_box_under_another_vehicles_name_is_not_taken_for_its(
+    flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flight.segments[1].rename(tmp_path / "vehicle-4-flight-0001-0001.mcap")
+    assert cli.main(["replay", str(tmp_path)]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert "BROKEN CHAIN: vehicle-4-flight-0001-0001.mcap: is of vehicle 3: its file was renamed" in lines
+
+
+def test_a_box_whose_file_has_no_such_name_is_told_what_it_must_be(
+    flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flight.segments[1].rename(tmp_path / "box.mcap")
+    for log, why in (
+        (tmp_path, "holds no black box: no file is named vehicle-K-flight-F-S.mcap"),
+        (tmp_path / "box.mcap", "is no black box: must be a folder, or vehicle-K-flight-F-S.mcap in it"),
+    ):
+        assert cli.main(["replay", str(log)]) == 2
+        assert capsys.readouterr().err == f"companion: {log}: {why}\n"
+
+
 def test_all_flights_of_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Each start of a companion is one."""
     for _ in range(2):
