@@ -82,6 +82,7 @@ class Journal:
         self._began_s: float | None = None  # the chunk
         self._allowance = float(BURST_BYTES)  # bytes that may be recorded at once
         self._waiting: deque[bytes] = deque()
+        self._waiting_ticks: deque[int] = deque()  # in each of them
         self._waiting_bytes = 0
         self._under_way = 0  # of them: with the writer
         self._is_losing = False
@@ -112,15 +113,23 @@ class Journal:
             self._write(now_s)
 
     def close(self, body: Json, now_s: float) -> None:
-        """The last entry, what is left, and the file."""
+        """The last entry, what is left, and the file. Of ticks that are being lost a gap says which."""
+        if self._gap is not None and self._is_losing and self._gap[0] <= self.ticks:
+            self.lost += self._chunk_ticks
+            self._begin_chunk(now_s)
+            self._records.clear()
+            self._put_gap(now_s)
         self._seal(Channel.END, encode(body), now_s)
-        self._end_chunk(now_s)
+        self._queue_chunk()
         self._take_outcome(now_s)
         self._writer.finish(Batch(tuple(self._waiting)[self._under_way :], is_synced=True))
         for _ in range(2):  # that under way, and the last
             self._take_outcome(now_s)
+        self.lost += sum(self._waiting_ticks)
         if self._waiting or self.lost:
-            self.lines.append(f"black box: incomplete: {self._error or 'slow disk'}, {self.lost} ticks in gaps")
+            why = self._error or (self._gap or (0, "slow disk"))[1]
+            is_open = ", and it is not closed" if self._waiting else ""
+            self.lines.append(f"black box: incomplete: {why}: {self.lost} of {self.ticks} ticks are LOST{is_open}")
 
     # --- chain and chunks ---
 
@@ -149,22 +158,34 @@ class Journal:
         spent = 0 if self._is_losing else self._chunk_bytes
         self._allowance = min(float(BURST_BYTES), self._allowance + since_s * RATE_BYTES_S) - spent
         if self._chunk and not self._is_losing:
-            chunk = mcap.chunk(b"".join(self._chunk), self._first_ns, self._last_ns)
-            self._waiting.append(chunk)
-            self._waiting_bytes += len(chunk)
+            self._queue_chunk()
         else:
             self.lost += self._chunk_ticks
-        self._chunk.clear()
-        self._chunk_bytes, self._chunk_ticks, self._began_s = 0, 0, now_s
+        self._begin_chunk(now_s)
         was_losing, why = self._is_losing, self._reason_to_lose()
         self._is_losing = why != ""
         if self._is_losing and not was_losing:
             self._gap = self.ticks + 1, why
             self.lines.append(f"black box: {why}: ticks are LOST from {self.ticks + 1} on")
-        elif was_losing and self._gap is not None and not self._is_losing:
-            first, why = self._gap
-            gap = {"first_tick": first, "last_tick": self.ticks, "ticks": self.ticks - first + 1, "why": why}
-            self._put(Channel.GAP, to_ns(now_s), sealed(encode(gap), self.link))  # hashed with the next tick
+        elif was_losing and not self._is_losing:
+            self._put_gap(now_s)
+
+    def _begin_chunk(self, now_s: float) -> None:
+        self._chunk.clear()
+        self._chunk_bytes, self._chunk_ticks, self._began_s = 0, 0, now_s
+
+    def _queue_chunk(self) -> None:
+        chunk = mcap.chunk(b"".join(self._chunk), self._first_ns, self._last_ns)
+        self._waiting.append(chunk)
+        self._waiting_ticks.append(self._chunk_ticks)
+        self._waiting_bytes += len(chunk)
+
+    def _put_gap(self, now_s: float) -> None:
+        """Behind the last tick that is lost; hashed with the next tick, or the end."""
+        assert self._gap is not None
+        first, why = self._gap
+        gap = {"first_tick": first, "last_tick": self.ticks, "ticks": self.ticks - first + 1, "why": why}
+        self._put(Channel.GAP, to_ns(now_s), sealed(encode(gap), self.link))
 
     def _reason_to_lose(self) -> str:
         """The reason why the next chunk is lost; empty: it is not."""
@@ -193,6 +214,7 @@ class Journal:
         self._under_way = 0
         for _ in range(outcome.written):
             self._waiting_bytes -= len(self._waiting.popleft())
+            self._waiting_ticks.popleft()
         self.lines.extend(outcome.lines)
         if outcome.error:
             self._retry_s = now_s + RETRY_S

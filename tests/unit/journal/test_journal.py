@@ -61,7 +61,7 @@ def test_what_is_lost_is_counted_and_said_and_marked_as_a_gap(
     lines = recorder.take_lines()
     lost = recorder.journal.lost
     assert [line for line in lines if "LOST from" in line]
-    assert lines[-1].endswith(f"{lost} ticks in gaps")
+    assert lines[-1] == f"black box: incomplete: {disk_words(fault)}: {lost} of 420 ticks are LOST"
     items = list(read_flight(read_back(disk, tmp_path)))
     (gap,) = [item for item in items if isinstance(item, Gap)]
     assert (gap.last - gap.first + 1, gap.why) == (lost, disk_words(fault))
@@ -71,6 +71,50 @@ def test_what_is_lost_is_counted_and_said_and_marked_as_a_gap(
     assert replayed.same == gap.first - 1
     assert replayed.stopped == f"gap: ticks {gap.first} to {gap.last} were lost ({gap.why})"
     assert not replayed.is_same
+
+
+@pytest.mark.parametrize("waiting_bytes", [10_000, 1 << 30])
+def test_what_a_disk_that_is_full_to_the_end_has_lost_is_counted(
+    waiting_bytes: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also what waited for it in memory."""
+    monkeypatch.setattr(journals, "WAITING_BYTES", waiting_bytes)
+    disk = MemoryDisk()
+    recorder, _ = recorder_of(disk)
+    fly_ticks(recorder, 20)
+    disk.error = "No space left on device"
+    fly_ticks(recorder, 100, first=20)
+    recorder.close("ended")
+    items = list(read_flight(read_back(disk, tmp_path)))
+    lost = 120 - sum(isinstance(item, Recorded) for item in items)
+    assert recorder.journal.lost == lost > 100
+    said = f"black box: incomplete: No space left on device: {lost} of 120 ticks are LOST, and it is not closed"
+    assert recorder.take_lines()[-1] == said
+
+
+@pytest.mark.parametrize("seen", [100, 103, 105])  # ticks; of a chunk, or some more
+def test_a_loss_at_the_very_end_is_marked_and_the_box_closed(
+    seen: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(journals, "WAITING_BYTES", 10_000)
+    disk = MemoryDisk()
+    recorder, _ = recorder_of(disk)
+    fly_ticks(recorder, 20)
+    disk.error = "No space left on device"
+    fly_ticks(recorder, seen, first=20)
+    recorder.from_peers(b"since the last tick", 20.0)
+    disk.error = ""  # somebody made room
+    recorder.close("ended")
+    flight = read_back(disk, tmp_path)
+    (gap,) = [item for item in read_flight(flight) if isinstance(item, Gap)]
+    assert (gap.last, gap.last - gap.first + 1) == (20 + seen, recorder.journal.lost)
+    said = f"black box: incomplete: No space left on device: {recorder.journal.lost} of {20 + seen} ticks are LOST"
+    assert recorder.take_lines()[-1] == said
+    replayed = replay_flight(flight)
+    assert (replayed.breaks, replayed.same) == ([], gap.first - 1)
+    assert replayed.stopped == f"gap: ticks {gap.first} to {gap.last} were lost (No space left on device)"
+    assert replayed.ends.startswith("ended at ")
+    assert replayed.head == recorder.journal.link.hex()
 
 
 def disk_words(fault: str) -> str:
