@@ -136,9 +136,12 @@ def read_flight(flight: Flight) -> Iterator[Item]:
         except mcap.TornError as error:  # or not closed: the next segment says whether all is there
             end = f"{path.name}, byte {error.offset}: {error.why}"
         except mcap.McapError as error:
-            yield Break(f"{path.name}, byte {error.offset}: {error.why}")
+            end = f"{path.name}, byte {error.offset}: {error.why}"
+            yield Break(end)
     if not chain.has_ended:  # power may be lost between two segments
-        yield CutOff(end or "no last entry, though its file was closed: of one that is not full entries were taken off")
+        last = flight.segments[max(flight.segments)].name
+        taken = "the next segment is missing, or was never begun; if this one is not full, entries were taken off"
+        yield CutOff(end or f"{last} has no last entry: {taken}")
 
 
 def _file_bytes(path: Path) -> bytes:

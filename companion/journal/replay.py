@@ -36,6 +36,7 @@ class Replayed:
     difference: list[str] = field(default_factory=list)  # the first, in lines; empty: there is none
     stopped: str = ""  # why ticks from somewhere on could not be run again
     ends: str = ""  # how the log ends
+    is_closed: bool = True  # it has its last entry, as far as it was read
     head: str = ""  # the last link of the chain
     began_s: float | None = None  # the first tick that is there, on the companion's clock
 
@@ -84,7 +85,8 @@ def replay_flight(
                 replayed.breaks.append(item.what)
             replayed.stopped = replayed.stopped or "the chain is broken there"
         elif isinstance(item, CutOff):
-            replayed.ends = f"cut off: {item.what}"
+            replayed.is_closed = False
+            replayed.ends = f"without being closed: {item.what}"
     if not replayed.start:
         replayed.stopped = replayed.stopped or "the beginning is missing"
     return replayed

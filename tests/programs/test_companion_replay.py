@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from companion import cli
+from companion.journal import segments
+from companion.journal.channels import Channel
 from companion.journal.reading import Flight
 from companion.journal.recorder import files_of
 from companion.journal.segments import DirectWriter
-from tests.unit.journal.journal_kit import START, fly_ticks, forge, recorded, recorder_of
+from tests.unit.journal.journal_kit import START, Messages, fly_ticks, forge, recorded, recorder_of
 from tests.unit.journal.test_journal_chain import change_input
+from tests.unit.journal.test_segments import Disk
+
+OPEN = "the box ends without being closed, and may lack ticks"
 
 
 @pytest.fixture
@@ -97,6 +103,42 @@ def test_a_box_that_was_changed(flight: Flight, tmp_path: Path, capsys: pytest.C
     lines = capsys.readouterr().out.splitlines()
     assert "BROKEN CHAIN: tick 17, or what came before it since the last, was changed" in lines
     assert lines[-1] == "INCOMPLETE: 16 of 40 ticks, bit for bit"
+
+
+def cut_last_entry(messages: Messages) -> Messages:
+    return messages[:-1]
+
+
+def cut_ten_ticks(messages: Messages) -> Messages:
+    ends = [k for k, message in enumerate(messages) if message.channel_id == Channel.TICK]
+    return messages[: ends[29] + 1]
+
+
+@pytest.mark.parametrize(("cut", "ticks"), [(cut_last_entry, 40), (cut_ten_ticks, 30)])
+def test_a_box_whose_last_entries_were_taken_off_is_told_as_not_closed(
+    cut: Callable[[Messages], Messages], ticks: int, flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whole entries, and its file closed again: the last one is missing."""
+    forge(flight.segments[1], cut)
+    assert cli.main(["replay", str(tmp_path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-1] == f"SAME: {ticks} of {ticks} ticks, bit for bit; {OPEN}"
+    (ends,) = [line for line in lines if line.startswith("  ends: ")]
+    assert ends.startswith(f"  ends: without being closed: {flight.segments[1].name} has no last entry: the next segm")
+
+
+def test_a_box_that_a_full_disk_has_cut_is_told_as_not_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(segments.os, "write", Disk(30_000).write)
+    recorder, _ = recorder_of(DirectWriter(files_of(tmp_path, START, waits_for_disk=False)))
+    fly_ticks(recorder, 150)
+    recorder.close("ended")
+    assert recorder.journal.lost > 0
+    monkeypatch.undo()
+    assert cli.main(["replay", str(tmp_path)]) == 0
+    there = 150 - recorder.journal.lost
+    assert capsys.readouterr().out.splitlines()[-1] == f"SAME: {there} of {there} ticks, bit for bit; {OPEN}"
 
 
 def test_what_is_no_box(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -96,7 +96,7 @@ def test_companions_that_are_processes_keep_them_too_and_one_that_is_killed_lose
     whole, killed = replayed_in(tmp_path)
     assert whole.ends.startswith("stopped by SIGTERM")
     assert whole.is_same
-    assert killed.ends.startswith("cut off: ")
+    assert killed.ends.startswith("without being closed: ")
     assert killed.is_same
     assert 11.7 <= killed.summary.last_s < 12.0
     log = (tmp_path / "companions" / "companion-1.log").read_text()

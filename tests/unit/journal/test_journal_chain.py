@@ -189,7 +189,7 @@ def test_a_log_that_was_cut_is_replayed_to_there(share: float, flight: Flight) -
     first = len(chunks_of(data)[0])
     path.write_bytes(data[: first + int(share * (len(data) - first))])
     replayed = replay_flight(flight)
-    assert replayed.ends.startswith("cut off: ")
+    assert replayed.ends.startswith("without being closed: ")
     if share:
         assert 0 < replayed.same == replayed.summary.ticks < TICKS
         assert replayed.is_same
@@ -218,9 +218,8 @@ def test_zeros_behind_the_last_whole_chunk_are_what_a_power_cut_leaves(flight: F
         written = len(data[: offset + torn].rstrip(b"\0"))
         replayed = replay_flight(flight)
         assert replayed.breaks == []
-        assert replayed.ends == (
-            f"cut off: {path.name}, byte {offset}: zeros from byte {written} to its end, as a power cut leaves them"
-        )
+        zeros = f"zeros from byte {written} to its end, as a power cut leaves them"
+        assert replayed.ends == f"without being closed: {path.name}, byte {offset}: {zeros}"
         assert (replayed.same, replayed.is_same) == (ticks, True)
 
 
