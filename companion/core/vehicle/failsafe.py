@@ -515,8 +515,8 @@ ROWS: tuple[Row, ...] = (
     Row(
         Cause.POSITION_JUMPED,
         Source.INTEGRITY,
-        "its position has jumped within the last {lingers_s} s by more than 3 m against its velocity: the jump is "
-        "taken off, here and in what it broadcasts",
+        "its position has jumped within the last {lingers_s} s by more than 3 m against its velocity, or less that "
+        "trunks, or that velocity, noticed: the jump is taken off, here and in what it broadcasts",
         lambda r: there(r.since_jump_s <= 2.0),
         Response.HOLD,
         Clear.GONE,

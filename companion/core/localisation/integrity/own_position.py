@@ -2,7 +2,8 @@
 
 Where all have GNSS, fixes are held against the way that trunks tell (`fix_monitor`). When they part the fix counts as
 led astray for the rest of the flight: the drift that was found is taken off what is reported, as a guess, and trunks
-correct the rest. Without trunks the guess goes on, but the vehicle holds, and lands soon.
+correct the rest. Without trunks the guess goes on, but the vehicle holds, and lands soon. What parts faster than
+receivers are led is a step, as when an estimator is reset: a jump, which does not go on.
 
 Where vehicles have range radios, the place that these tell is held against the reported one (`range_check`), and taken
 instead in the same way.
@@ -35,8 +36,9 @@ BY_TRUNKS: Final = Noise(fix_m=0.2, fix_memory_s=5.0, walk_m2_per_s=0.005, share
 # Of a fix less the noise that its receiver's velocity has not: a walk of 1 or 2 m, within a minute, is GNSS's own
 BY_VELOCITY: Final = Noise(fix_m=0.5, fix_memory_s=5.0, walk_m2_per_s=0.02, share=0.0, alarm=22.0)
 FOUND_M: Final = 1.0  # error of a position after the fix was found to be wrong
+STEP_MPS: Final = 0.6  # that parts faster is no drift
 SEEN_MPS: Final = 0.04  # by which that grows while trunks tell the motion: as DeadReckoning has it
-GUESSED_MPS: Final = 0.2  # and by the drift that was found alone
+GUESSED_MPS: Final = 0.2  # and by the drift that was found alone, or as fast as that is, as it may end
 ERROR_MAX_M: Final = 25.0
 SURE_M: Final = 3.0  # a position that errs by more is not flown by
 
@@ -132,8 +134,18 @@ class OwnPosition:
         if way is None:
             return
         parted = self._monitor.update(fix, way.ne_m, now_s, frame=way.frame, frame_rad2=way.frame_rad2)
-        if parted is not None:
+        if parted is not None and not self._took_step(fix, parted, now_s):
             self._begin_reckoning(reported, parted, now_s)
+
+    def _took_step(self, fix_ne_m: tuple[float, float], parted: Parted, now_s: float) -> bool:
+        """Both ways parted at once, by less than the gate sees: it is taken off as a jump."""
+        off = (fix_ne_m[0] - parted.fix_ne_m[0], fix_ne_m[1] - parted.fix_ne_m[1])
+        if math.hypot(*off) <= STEP_MPS * (now_s - parted.since_s):
+            return False
+        self._gate.take_off((off[0], off[1], 0.0), now_s)
+        self._monitor.forget()
+        self._velocity_monitor.forget()
+        return True
 
     def _hold_against_velocity(self, fix: tuple[float, float], now_s: float, *, goes_on: bool, may_tell: bool) -> None:
         way, monitor = self._way, self._velocity_monitor
@@ -141,7 +153,7 @@ class OwnPosition:
             monitor.forget()
             return
         parted = monitor.update(fix, way.ne_m, now_s, walk_since=way.walk_since)
-        if parted is None or not may_tell:
+        if parted is None or not may_tell or self._took_step(fix, parted, now_s):
             return
         led = parted.fix_ne_m
         less_way = (led[0] - way.ne_m[0], led[1] - way.ne_m[1])
@@ -150,7 +162,7 @@ class OwnPosition:
         self._monitor.forget()
 
     def _begin_reckoning(self, reported: Position, parted: Parted, now_s: float) -> None:
-        since_s = max(1.0, now_s - parted.since_s)
+        since_s = now_s - parted.since_s
         pos = reported.pos_ned_m
         off = (pos[0] - parted.fix_ne_m[0], pos[1] - parted.fix_ne_m[1])
         drift = (off[0] / since_s, off[1] / since_s, 0.0)
@@ -183,10 +195,11 @@ class OwnPosition:
 
     def _update_error(self, now_s: float) -> None:
         since_s, self._updated_s = now_s - self._updated_s, now_s
-        is_seen = self._perception.sees_motion
+        is_seen, astray = self._perception.sees_motion, self._astray
+        guessed_mps = GUESSED_MPS if astray is None else max(GUESSED_MPS, math.hypot(*astray.drift_ne_mps))
         if is_seen:
             self._seen_s = now_s
-        self._error_m = min(ERROR_MAX_M, self._error_m + (SEEN_MPS if is_seen else GUESSED_MPS) * since_s)
+        self._error_m = min(ERROR_MAX_M, self._error_m + (SEEN_MPS if is_seen else guessed_mps) * since_s)
 
     # --- what follows ---
 

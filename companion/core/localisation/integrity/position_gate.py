@@ -94,8 +94,12 @@ class PositionGate:
         if trusts_jump:
             self._forget_taken_off(jump)
             return
+        self.take_off(jump, now_s)
+
+    def take_off(self, jump_ned_m: Vec3, now_s: float) -> None:
+        """A jump of the reported position, which this or somebody else has found."""
         self.jumped_s = now_s
-        self.off_ned_m = sub(self.off_ned_m, jump)
+        self.off_ned_m = sub(self.off_ned_m, jump_ned_m)
         if norm(self.off_ned_m) <= BACK_M:
             self.off_ned_m = ZERO
 

@@ -137,6 +137,37 @@ def test_what_is_sent_and_heard_goes_by_the_position_that_is_flown_by() -> None:
     assert one.causes() == [Cause.POSITION_DOUBTED]
 
 
+@pytest.mark.parametrize("sees", [True, False])
+def test_a_step_is_a_jump_and_no_drift(sees: bool) -> None:
+    """As a fix that is let go after 20 s of a slow drift: taken for a drift, it led 20 m away in 10 s."""
+    one = Flown()
+    one.sight.sees = sees
+    one.fly(60.0)
+    one.off_m = 2.5
+    one.fly(1.5)
+    assert Cause.POSITION_JUMPED in one.causes()
+    one.fly(20.0)
+    assert one.flown.pos_ned_m[0] == pytest.approx(0.0, abs=0.1)
+    assert one.flown.vel_ned_mps == one.told.vel_ned_mps
+    assert one.own.error_m(one.now_s) == pytest.approx(2.5, abs=0.1)
+    assert one.causes() == [Cause.POSITION_DOUBTED]
+    one.off_m = 0.0
+    one.fly(5.0)
+    assert one.causes() == []
+    assert one.flown is one.told
+
+
+def test_a_drift_that_was_found_may_end() -> None:
+    """Where nothing tells the motion what it goes by errs by as much as it is taken to go on."""
+    one = Flown()
+    one.fly(20.0)
+    while one.sight.reckons_from is None:
+        one.fly(DT_S, 0.5)
+    one.sight.sees = False
+    one.fly(10.0)
+    assert one.own.error_m(one.now_s) >= abs(one.flown.pos_ned_m[0])
+
+
 def test_without_trunks_it_holds_soon_and_lands_later() -> None:
     one = Flown()
     one.fly(20.0)
