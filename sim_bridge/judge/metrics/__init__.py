@@ -175,7 +175,8 @@ def measure(
     connected, lambda2 = connectivity(recording, pairs, transit)
     came = arrival(recording, mission, connected)
     covered = coverage_figures(recording, mission, coverage, partial(ideals_among_trees_deg, mission, stand))
-    apart = partings(time_s, _in_touch(recording, pairs, connected, faults), under_way)
+    heard = without_cut_links(pairs, time_s, faults)
+    apart = partings(time_s, _in_touch(recording, pairs, heard, connected), under_way)
     ran_into = {what: int((recording.touched[-1:] == code).sum()) for code, what in enumerate(TOUCHED)}
     collisions = max(pairs.contacts, (ran_into["vehicle"] + 1) // 2)  # the bridge also looks between ticks
     acting = recording.acting & recording.agent_alive
@@ -224,7 +225,7 @@ def measure(
         uncovering=covered.uncovering,
         acting_leaders_max=int(leaders.max(initial=0)),
         acting_leaders_overlap_s=float(tick_lengths_s(time_s)[leaders > 1].sum()),
-        leaders_together_s=longest_s(time_s, leaders_together(recording, pairs, _cut_off(time_s, faults))),
+        leaders_together_s=longest_s(time_s, leaders_together(recording, heard)),
         leader_changes=int(np.count_nonzero(np.diff(acting.argmax(axis=1)[leaders > 0]))),
         leaderless_max_s=longest_s(
             time_s, (leaders == 0) & (phase >= SwarmPhase.TRANSIT) & (phase <= SwarmPhase.COVERAGE)
@@ -241,17 +242,8 @@ def with_columns(recording: Recording, n: int) -> Recording:
     return Recording(**{name: value.reshape(shapes.get(name, (0, n))) for name, value in values.items()})
 
 
-def _cut_off(time_s: Floats, faults: Sequence[FaultEvent]) -> Bools:
-    """(T,) a fault cuts the radios of some off from the others."""
-    cut = np.zeros(time_s.shape, dtype=np.bool_)
-    for fault in _cuts(faults):
-        cut |= _lasts(fault, time_s)
-    return cut
-
-
-def _in_touch(recording: Recording, pairs: Pairs, connected: Bools, faults: Sequence[FaultEvent]) -> Bools:
-    """(T,) all alive vehicles are one component of G without the links that faults cut; `connected`: of all of G."""
-    heard = without_cut_links(pairs, recording.time_s, faults)
+def _in_touch(recording: Recording, pairs: Pairs, heard: Pairs, connected: Bools) -> Bools:
+    """(T,) all alive vehicles are one component of G with the links `heard`; `connected`: with all of `pairs`."""
     if np.array_equal(heard.links, pairs.links):
         return connected
     return connectivity(recording, heard, np.zeros(connected.shape, np.bool_))[0]
@@ -260,14 +252,12 @@ def _in_touch(recording: Recording, pairs: Pairs, connected: Bools, faults: Sequ
 def without_cut_links(pairs: Pairs, time_s: Floats, faults: Sequence[FaultEvent]) -> Pairs:
     """`pairs` of the ticks at `time_s` without the links that partitions cut while they last."""
     links = pairs.links.copy()
-    for fault in _cuts(faults):
+    for fault in faults:
+        if fault.kind is not FaultKind.PARTITION:
+            continue
         cut = np.isin(pairs.first + 1, fault.vehicles) != np.isin(pairs.second + 1, fault.vehicles)
         links[np.ix_(_lasts(fault, time_s), cut)] = False
     return dataclasses.replace(pairs, links=links)
-
-
-def _cuts(faults: Sequence[FaultEvent]) -> list[FaultEvent]:
-    return [fault for fault in faults if fault.kind is FaultKind.PARTITION]
 
 
 def _lasts(fault: FaultEvent, time_s: Floats) -> Bools:

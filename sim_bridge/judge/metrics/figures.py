@@ -376,7 +376,7 @@ FIGURES: Final[tuple[Figure, ...]] = (
     Figure(
         "leaders_together_s",
         "s",
-        "Longest time that two acting leaders were in one component of G; not while a fault cuts radios off.",
+        "Longest time that two acting leaders were in one component of G without the links that faults cut.",
         better=LESS,
         title="two leaders in one part",
     ),
