@@ -8,10 +8,10 @@ ARRIVED asserts all of these:
   off the truth: each keeps its distance by what they report), nobody more than 1 m outside of the fence, and never two
   acting leaders in one connected part for more than 2 s.
 - Coverage was formed when its time was over, unless coverage.duration_s = 0: over the last 5 s of the phase no vehicle
-  was further off the ring or sphere than a covering vehicle is (`coverage_radius_error_m`), and the gap was at most 1.5
-  times the ideal: one that is missing makes it 2 on a ring.
-- Where the mission lands, every vehicle is on the ground in the right place and disarmed; and nowhere has one landed
-  before the phase LAND, as those do that are left without a majority.
+  was further off the ring or sphere than a covering vehicle is (`coverage_radius_error_m`), the gap was at most 1.5
+  times the ideal, and none whose companion answers was on the ground (`uncovering`).
+- Where the mission lands, every vehicle is on the ground in the right place and disarmed; and nowhere has one come
+  down for good before it announced the phase LAND, as those do that are left without a majority (`landed_early`).
 - No vehicle was lost: at the end every companion answers (and every external autopilot), and no vehicle has run into
   anything. One that a fault of the mission killed on purpose, or stopped to the end, is the exception: if everything
   else holds for the others, the flight is ARRIVED without it, by name, and succeeded.
@@ -281,6 +281,8 @@ def _unformed(metrics: Metrics, mission: Mission) -> str:
         return f"coverage not formed: up to {error_m:.1f} m off the {shape}: must be within {within_m:g} m"
     if gap_deg > FORMED_RATIO * ideal_deg:
         return f"coverage not formed: gap {gap_deg:.0f} deg: must be at most {FORMED_RATIO:g} x {ideal_deg:.0f}"
+    if metrics.uncovering:  # on the ground: the others of a large ring leave hardly a gap
+        return f"coverage not formed: {_vehicles(metrics.uncovering)} did not cover"
     return ""
 
 

@@ -60,7 +60,7 @@ from sim_bridge.judge.metrics.leadership import (
     tick_lengths_s,
     visits_of,
 )
-from sim_bridge.judge.metrics.pairs import CONTACT_M, Pairs, closest, links, look_at_pairs, separation_m
+from sim_bridge.judge.metrics.pairs import CONTACT_M, Pairs, closest, in_flight, links, look_at_pairs, separation_m
 from sim_bridge.judge.metrics.places import ideal_among_trees_deg, ideals_among_trees_deg
 from sim_bridge.judge.metrics.trunks import least_box_clearance_m, least_clearance_m
 from sim_bridge.judge.recording import Recording
@@ -188,7 +188,7 @@ def measure(
         armed=_ids(recording.armed[-1:]),
         aloft=_ids(~recording.on_ground[-1:]),
         strayed=strayed(recording, mission),
-        landed_early=_landed_early(recording),
+        landed_early=_landed_early(recording, mission),
         arrived=came.last_s is not None,
         visited=visited(recording, mission),
         absent=came.absent,
@@ -283,10 +283,14 @@ def _contacts_steered(recording: Recording) -> int:
     return int(begins.any(axis=0).sum())
 
 
-def _landed_early(recording: Recording) -> tuple[int, ...]:
-    has_flown = (~recording.on_ground).any(axis=0)
-    down = recording.on_ground[-1:] & recording.agent_alive[-1:] & has_flown
-    return _ids(down & (recording.phase[-1:] < SwarmPhase.LAND))
+def _landed_early(recording: Recording, mission: Mission) -> tuple[int, ...]:
+    """By what each announced when it was down: later, on the ground, it takes a phase from the others' beacons."""
+    ticks = np.arange(len(recording.time_s))[:, None]
+    last_flight = np.where(in_flight(recording, mission), ticks, -1).max(axis=0, initial=-1)
+    has_flown = np.logical_or.accumulate(~recording.on_ground, axis=0)
+    has_landed = np.maximum.accumulate(recording.phase, axis=0) >= SwarmPhase.LAND
+    down = recording.on_ground & recording.agent_alive & has_flown & ~has_landed & (ticks > last_flight)
+    return _ids(down.any(axis=0, keepdims=True))
 
 
 def _level_speeds_mps(recording: Recording, wanted: Bools) -> Floats:

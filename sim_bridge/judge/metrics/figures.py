@@ -103,9 +103,9 @@ FIGURES: Final[tuple[Figure, ...]] = (
     Figure(
         "landed_early",
         "ids",
-        "Ids of the vehicles alive and on the ground in the last tick that had flown, and had announced no phase "
-        "LAND: they came down for a reason of their own (no majority, an order, the battery), not at the "
-        "mission's end.",
+        "Ids of the vehicles that had flown, and were on the ground, alive, before they had announced the phase LAND, "
+        "and did not fly again: they came down for a reason of their own (no majority, an order, the battery), not at "
+        "the mission's end.",
     ),
     Figure(
         "sim_time_s",

@@ -214,6 +214,18 @@ def test_those_that_landed_before_the_landing_are_named() -> None:
     assert measure(recording, a_mission(n=5)).landed_early == (3,)
 
 
+def test_one_that_gave_up_has_landed_early_whatever_it_hears_on_the_ground() -> None:
+    """1 lands with the mission; 2 gave up before, and takes the phase of 1; 3 came down and flew on, to land with 1."""
+    land = SwarmPhase.LAND
+    ground = [[0, 0, 0], [0, 1, 1], [0, 1, 0], [1, 1, 1]]
+    phase = [[COVERAGE] * 3, [COVERAGE] * 3, [COVERAGE] * 3, [land] * 3]
+    recording = a_recording([level(0.0, 8.0, 16.0)] * 4, on_ground=ground, phase=phase)
+    assert measure(recording, a_mission(n=3)).landed_early == (2,)
+    phase[1][1] = land  # announced while it came down: with the mission
+    recording = a_recording([level(0.0, 8.0, 16.0)] * 4, on_ground=ground, phase=phase)
+    assert measure(recording, a_mission(n=3)).landed_early == ()
+
+
 # Several trees
 
 

@@ -111,6 +111,7 @@ def test_a_flight_in_which_everything_holds_has_arrived() -> None:
         ({"coverage_radius_error_m": 2.1}, "coverage not formed: up to 2.1 m off the ring: must be within 2 m"),
         ({"coverage_radius_error_m": None}, "coverage not formed: no vehicle in the air at its end"),
         ({"coverage_gap_deg": None}, "no coverage"),
+        ({"coverage_gap_deg": 51.4, "uncovering": (8,)}, "coverage not formed: vehicle 8 did not cover"),
         ({"lost": (3,)}, "lost vehicle 3"),
         ({"fence_exceeded_m": 1.4}, "1.4 m outside of the fence"),
         ({"leaders_together_s": 2.3}, "two acting leaders in one connected part for 2.3 s"),
@@ -294,6 +295,7 @@ def test_the_worst_that_happened_is_the_grade(changes: dict[str, Any], grade: Gr
         ({"coverage_gap_deg": 90.0}, [a_fault(FaultKind.BLIND, 2)], Grade.INCOMPLETE),  # there was time
         ({"coverage_gap_deg": 90.0, "uncovering": (2,)}, [a_fault(FaultKind.MOTOR, 2)], Grade.DEGRADED),
         ({"coverage_gap_deg": 90.0, "uncovering": (2, 3)}, [a_fault(FaultKind.MOTOR, 2)], Grade.INCOMPLETE),
+        ({"uncovering": (2,)}, [a_fault(FaultKind.MOTOR, 2)], Grade.DEGRADED),
         ({"coverage_gap_deg": 90.0}, [killed(2, at_s=110.0)], Grade.DEGRADED),  # the gap was just torn
         ({"contacts": 1}, [a_fault(FaultKind.BLIND, 2)], Grade.UNSAFE),  # no fault excuses a contact
         (BEHIND, [a_fault(FaultKind.INSIDER, 3)], Grade.DEGRADED),  # what is done by a lie need not be undone
