@@ -197,6 +197,7 @@ def test_vehicles_that_wait_for_one_another_are_seen() -> None:
     assert not stands(79.0, FlightState.TRANSIT, happened=[late])
     assert stands(81.0, FlightState.TRANSIT, happened=[late])
     assert stands(61.0, FlightState.TRANSIT, happened=[kill])
+    assert stands(61.0, FlightState.TRANSIT, happened=[FaultEvent(FaultKind.DISK_FULL, (2,), 0.0)])
 
 
 @pytest.mark.parametrize(("north_mps", "violated"), [(0.5, False), (3.0, True)])
