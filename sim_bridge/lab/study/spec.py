@@ -59,7 +59,8 @@ class Run(Table):
         dict[str, dict[str, Number]],
         Field(
             description="What each of its cases must reach: figure = { mean, worst, p95 }, any of them; p95 is what "
-            "95 % of the seeds keep. Of a figure that is to be large these are the least, of others the most."
+            "95 % of the seeds keep. Of a figure that is to be large these are the least, of others the most. A flight "
+            "that lacks a figure misses mean and worst, unless it did not arrive and the run limits `arrived`."
         ),
     ] = {}
 
