@@ -308,7 +308,7 @@ def test_a_campaign_goes_on_where_it_ended_and_keeps_missions(
     told = json.loads(capsys.readouterr().out)
     assert [row["seed"] for row in told] == [7, 8]
     assert [row["sim_time_s"] for row in told] == [row["sim_time_s"] for row in rows]
-    monkeypatch.setattr(shrink, "fly_to_row", lambda *_, **__: {"causes": []})
+    monkeypatch.setattr(shrink, "fly_to_row", lambda *_, **__: {"grade": "ARRIVED", "causes": []})
     assert cli.main([*command, "--flights", "2", "--shrink", "1"]) == 1
     assert load_mission(tmp_path / "8.toml") == load_mission(tmp_path / "8-shrunk.toml")
     assert (tmp_path / "8.toml").read_text().startswith("# signed: true\n")

@@ -163,6 +163,7 @@ def _shrink(row: engine.Row, args: argparse.Namespace, entrant: Entrant, folder:
     with Signs(errors.file).working(progress):
         small, signed = shrink(
             drawn.mission,
+            row["grade"],
             row["causes"][0],
             on_jsbsim=on_jsbsim,
             entrant=entrant,
