@@ -53,7 +53,7 @@ def shrink(
     report_progress: Callable[[str], None] = lambda _: None,
     note_flight: Callable[[], None] = lambda: None,
 ) -> tuple[Mission, bool]:
-    """The smallest that was found within `most_flights`, and still fails by `cause` first, as badly; whether it is signed.
+    """The smallest that was found within `most_flights`, and fails by `cause` first, as badly; whether it is signed.
 
     report_progress: is told of each that is smaller. note_flight: is called after each flight.
     """
