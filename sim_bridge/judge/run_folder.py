@@ -21,7 +21,7 @@ from companion.core.model.states import SwarmPhase
 from mission.cli.main import EXIT_BAD_FILE
 from mission.common.problems import printable
 from mission.schema.fault_kinds import FORMS, PARAMETERS
-from mission.schema.faults import FaultKind
+from mission.schema.faults import FaultKind, Lie
 from sim_bridge.errors import StartError
 from sim_bridge.judge.fault_events import FILE_NAME as FAULTS_NAME
 from sim_bridge.judge.fault_events import FaultEvent
@@ -243,7 +243,12 @@ def _event(row: Any, place: str, n: int | None) -> FaultEvent:
     at_s, until_s = (_number_or_none(row, key, place) for key in ("at_s", "until_s"))
     assert at_s is not None
     parameters = {name: _parameter(row, name, place) for name in FORMS[kind].parameters}
-    return FaultEvent(FaultKind(kind), tuple(vehicles), at_s, until_s, asked, **parameters)
+    lie = row.get("lie")  # older files have none
+    if lie is not None and lie not in list(Lie):
+        raise ValueError(f"{place}.lie = {_shown(lie)}: must be one of {', '.join(Lie)}, or null")
+    return FaultEvent(
+        FaultKind(kind), tuple(vehicles), at_s, until_s, asked, lie=None if lie is None else Lie(lie), **parameters
+    )
 
 
 def _parameter(row: Any, name: str, place: str) -> Any:
