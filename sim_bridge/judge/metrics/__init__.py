@@ -178,7 +178,7 @@ def measure(
     heard = without_cut_links(pairs, time_s, faults)
     apart = partings(time_s, _in_touch(recording, pairs, heard, connected), under_way)
     ran_into = {what: int((recording.touched[-1:] == code).sum()) for code, what in enumerate(TOUCHED)}
-    collisions = max(pairs.contacts, (ran_into["vehicle"] + 1) // 2)  # the bridge also looks between ticks
+    collisions = max(len(pairs.touches), (ran_into["vehicle"] + 1) // 2)  # the bridge also looks between ticks
     acting = recording.acting & recording.agent_alive
     leaders = acting.sum(axis=1)
     return Metrics(
