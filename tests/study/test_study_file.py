@@ -55,6 +55,10 @@ def test_parameters_laws_and_seeds_are_crossed(tmp_path: Path) -> None:
             ('"ours"\n', '"ours"\nlaw = "algorithm1"\ncross_params = { dt_s = [1, -1] }\n'),
             r"study.toml:9: dt_s = -1: must be a number above 0, at most 10",
         ),
+        (
+            ('"ours"\n', '"ours"\n[[run]]\nname = "ours"\nsafety_filter = false\nbackend = "agents"\n'),
+            r'study.toml:9: run\[1\].name = "ours": is another run\'s: must be new',
+        ),
         (("seeds = 2", "seeds = 0"), r"study.toml:3: seeds = 0: must be an integer from 1 to 100000"),
         (("mission.toml", "none.toml"), r'study.toml:2: missions\[0\] = "none.toml": .*/none.toml: no such file'),
         (('missions = ["mission.toml"]\n', ""), r"run\[0\].missions: missing here and in the study"),

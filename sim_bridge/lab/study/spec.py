@@ -27,7 +27,9 @@ class Run(Table):
     A key in `set` is not crossed by the study's `cross`.
     """
 
-    name: Annotated[Text, Field(min_length=1, max_length=60, description="For people: heads its rows.")]
+    name: Annotated[
+        Text, Field(min_length=1, max_length=60, description="For people: heads its rows. No two runs have one.")
+    ]
     law: Annotated[
         Text,
         Field(
