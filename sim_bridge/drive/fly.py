@@ -88,6 +88,7 @@ class Flight:
         self._lost: set[int] = set()
         self._full: frozenset[int] = frozenset()  # companions' disks
         self._ended: str | None = None  # why the flight is over, though records may still be on their way
+        self.end_s: float | None = None  # when it was over, or was found not to be last
         self._unrecorded_s: float | None = None  # when the tick began that is still to be recorded
 
     @property
@@ -144,7 +145,7 @@ class Flight:
     def finished(self) -> str | None:
         """The reason why the flight is over, or None: before that, records on their way may arrive."""
         if self._ended is None:
-            self._ended = self.observer.finished(self.last)
+            self._ended, self.end_s = self.observer.finished(self.last), self.last.time_s
         if self._ended is None or self.harvest is None or not self.lockstep.answering:
             return self._ended
         return self._ended if self.harvest.has_all(self.world.now_s) else None
@@ -339,6 +340,7 @@ def fly(
             wall_s=time.perf_counter() - started_s,
             trace_hash=flight.trace.hexdigest(),
             faults=flight.faults.happened,
+            end_s=flight.end_s,
             stand=stand,
             estimates=flight.estimates.figures(),
             stems=stems,

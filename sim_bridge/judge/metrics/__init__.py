@@ -153,11 +153,16 @@ class Metrics:
 
 
 def measure(
-    recording: Recording, mission: Mission, stand: Stand | None = None, faults: Sequence[FaultEvent] = ()
+    recording: Recording,
+    mission: Mission,
+    stand: Stand | None = None,
+    faults: Sequence[FaultEvent] = (),
+    end_s: float | None = None,
 ) -> Metrics:
     """Every figure of the flight `recording` of `mission`, in which `faults` happened.
 
-    `stand`: the mission's, where it has been made already.
+    `stand`: the mission's, where it has been made already. `end_s`: the mission was over then, and what was recorded
+    after it is neither coverage nor early (None: nothing was).
 
     ValueError: a time or position is not finite, or time runs backwards.
     """
@@ -167,7 +172,8 @@ def measure(
     phase = swarm_phase(recording)
     stand = stand_of(mission) if stand is None else stand
     pairs = look_at_pairs(recording, mission, range_share(mission.sim, stand))
-    transit, coverage = phase == SwarmPhase.TRANSIT, phase == SwarmPhase.COVERAGE
+    in_time = time_s <= (np.inf if end_s is None else end_s)
+    transit, coverage = phase == SwarmPhase.TRANSIT, (phase == SwarmPhase.COVERAGE) & in_time
     under_way = transit | coverage
     if mission.route.stops:  # what is said of coverage is said of d2
         coverage &= visits_of(recording) == len(mission.visits) - 1
@@ -188,7 +194,7 @@ def measure(
         armed=_ids(recording.armed[-1:]),
         aloft=_ids(~recording.on_ground[-1:]),
         strayed=strayed(recording, mission),
-        landed_early=_landed_early(recording, mission),
+        landed_early=_landed_early(recording, mission, in_time),
         arrived=came.last_s is not None,
         visited=visited(recording, mission),
         absent=came.absent,
@@ -283,14 +289,14 @@ def _contacts_steered(recording: Recording) -> int:
     return int(begins.any(axis=0).sum())
 
 
-def _landed_early(recording: Recording, mission: Mission) -> tuple[int, ...]:
+def _landed_early(recording: Recording, mission: Mission, in_time: Bools) -> tuple[int, ...]:
     """By what each announced when it was down: later, on the ground, it takes a phase from the others' beacons."""
     ticks = np.arange(len(recording.time_s))[:, None]
     last_flight = np.where(in_flight(recording, mission), ticks, -1).max(axis=0, initial=-1)
     has_flown = np.logical_or.accumulate(~recording.on_ground, axis=0)
     has_landed = np.maximum.accumulate(recording.phase, axis=0) >= SwarmPhase.LAND
     down = recording.on_ground & recording.agent_alive & has_flown & ~has_landed & (ticks > last_flight)
-    return _ids(down.any(axis=0, keepdims=True))
+    return _ids(down[in_time].any(axis=0, keepdims=True))
 
 
 def _level_speeds_mps(recording: Recording, wanted: Bools) -> Floats:

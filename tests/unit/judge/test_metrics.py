@@ -226,6 +226,18 @@ def test_one_that_gave_up_has_landed_early_whatever_it_hears_on_the_ground() -> 
     assert measure(recording, a_mission(n=3)).landed_early == ()
 
 
+def test_what_comes_after_the_end_is_neither_coverage_nor_early_but_dangers_count() -> None:
+    """2 comes down while records are on their way to the base station, and then the others come near."""
+    rows = [level(85.0, 115.0, 100.0)] * 3 + [level(85.0, 90.0, 100.0)]
+    mission = a_mission(n=3, coverage={"radius_m": 15.0})
+    recording = a_recording(rows, phase=COVERAGE, on_ground=[[0, 0, 1], [0, 0, 1], [0, 0, 1], [0, 1, 1]])
+    whole, ended = measure(recording, mission), measure(recording, mission, end_s=2.0)
+    assert (whole.landed_early, ended.landed_early) == ((2,), ())
+    assert (whole.uncovering, ended.uncovering) == ((2, 3), (3,))
+    rows[3] = level(85.0, 88.0, 100.0)
+    assert measure(a_recording(rows, phase=COVERAGE), mission, end_s=2.0).min_separation_m == 3.0
+
+
 # Several trees
 
 
