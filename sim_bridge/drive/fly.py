@@ -320,7 +320,7 @@ def fly(
         flown_s = time.perf_counter() - began_flying_s
         lost = [world.radio.missed_share(k) for k in world.vehicles]
         records = {**flight.tell_records(), BEACONS_LOST: [None if one is None else round(one, 4) for one in lost]}
-        stems = None if harvest is None else measure_stems(harvest.own_records(), mission, stand)
+        own_records = {} if harvest is None else harvest.own_records()
     if forks is not None and forks.failure is not None:
         flight.observer.tell_once(flight.world.now_s, loss(0, forks.failure))
     flight.show_events(progress)  # what happened since the last tick
@@ -331,8 +331,9 @@ def fly(
             run_folder.keep_file(folder / MISSION_NAME, flown, partial(progress.event, flight.world.now_s))
     no_more_interrupts()  # what follows is what a flight is flown for
     with progress.working("measuring the flight"):
+        recording = flight.recorder.recording()
         return conclude(
-            flight.recorder.recording(),
+            recording,
             flight.mission,
             folder,
             ended,
@@ -343,7 +344,7 @@ def fly(
             end_s=flight.end_s,
             stand=stand,
             estimates=flight.estimates.figures(),
-            stems=stems,
+            stems=measure_stems(own_records, recording, mission, stand),
             entrant=entrant.figures(),
             records=records,
         )
