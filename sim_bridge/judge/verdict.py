@@ -215,15 +215,16 @@ def _came(metrics: Metrics, struck: _Struck) -> bool:
 
 
 def _way(metrics: Metrics, mission: Mission, ended: str, left: Collection[int], struck: _Struck) -> Iterator[_Problem]:
-    came = _came(metrics, struck)
+    wrong_end = _came(metrics, struck) and not ended.startswith(LANDED if _lands(mission) else COVERED)
     if not metrics.arrived:
         absent = set(metrics.absent) - set(metrics.lost)
         who = f": {_vehicles(absent)} never came to d2" if absent else ""
-        yield _Problem("not arrived", f"not all arrived{who}{'' if came else f' ({ended})'}", struck.excuses(absent))
-    if came and not _lands(mission) and ended.startswith(LANDED):
+        why = "" if wrong_end else f" ({ended})"
+        yield _Problem("not arrived", f"not all arrived{who}{why}", struck.excuses(absent))
+    if wrong_end and ended.startswith(LANDED):
         yield _Problem("landed early", f"{ended}, where the mission holds", struck.excuses(metrics.landed_early))
         return
-    if came and not ended.startswith(LANDED if _lands(mission) else COVERED):
+    if wrong_end:
         yield _Problem("unfinished", ended, struck.excuses(left))
     if metrics.visited < len(mission.visits) and mission.route.stops:
         grade = Grade.DEGRADED if struck.lied else struck.excuses()  # what it was told that all have done is left out
@@ -313,8 +314,9 @@ def _unformed(metrics: Metrics, mission: Mission) -> str:
         return f"coverage not formed: up to {error_m:.1f} m off the {shape}: must be within {within_m:g} m"
     if gap_deg > FORMED_RATIO * ideal_deg:
         return f"coverage not formed: gap {gap_deg:.0f} deg: must be at most {FORMED_RATIO:g} x {ideal_deg:.0f}"
-    if metrics.uncovering:  # on the ground: the others of a large ring leave hardly a gap
-        return f"coverage not formed: {_vehicles(metrics.uncovering)} did not cover"
+    down = set(metrics.uncovering) - set(metrics.landed_early)  # the others of a large ring leave hardly a gap
+    if down:
+        return f"coverage not formed: {_vehicles(down)} did not cover"
     return ""
 
 
