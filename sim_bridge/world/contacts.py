@@ -59,14 +59,30 @@ class Contacts:
         self._cells: dict[tuple[int, int], list[Tree]] = {}  # what can be touched from each place visited
         self._was: dict[int, _Was] = {}
 
-    def find_contact(self, vehicle_id: int, pos_ned_m: Vec3, vel_ned_mps: Vec3, *, on_ground: bool) -> Touched | None:
-        """Contact of this vehicle now, or has touched on its way here since the last look."""
+    def find_contact(
+        self,
+        vehicle_id: int,
+        pos_ned_m: Vec3,
+        vel_ned_mps: Vec3,
+        *,
+        on_ground: bool,
+        hit_ned_mps: Vec3 | None = None,
+    ) -> Touched | None:
+        """Contact of this vehicle now, or has touched on its way here since the last look.
+
+        `hit_ned_mps`: its velocity when it met the ground since then, where that is known: it may have bounced.
+        """
         now = _Was(pos_ned_m, vel_ned_mps, on_ground)
         before = self._was.get(vehicle_id, now)
         self._was[vehicle_id] = now
+        down_mps = 0.0 if hit_ned_mps is None else hit_ned_mps[2]
+        if on_ground or down_mps > 0.0:
+            level_mps = math.hypot(*before.vel_ned_mps[:2])
+            hard = level_mps > HARD_LEVEL_MPS or max(before.vel_ned_mps[2], down_mps) > HARD_DOWN_MPS
+            if self._ground and hard and not before.on_ground:
+                return Touched.GROUND
         if on_ground:
-            hard = math.hypot(*before.vel_ned_mps[:2]) > HARD_LEVEL_MPS or before.vel_ned_mps[2] > HARD_DOWN_MPS
-            return Touched.GROUND if self._ground and hard and not before.on_ground else None
+            return None
         if self._boxes and self._meets_box(before.pos_ned_m, pos_ned_m):
             return Touched.BOX
         return self._among_trees(before.pos_ned_m, pos_ned_m)

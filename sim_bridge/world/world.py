@@ -175,7 +175,13 @@ class World:
             return
         body = self.vehicles[vehicle_id].airframe
         state = body.state
-        touched = self._contacts.find_contact(vehicle_id, state.pos_ned_m, state.vel_ned_mps, on_ground=state.on_ground)
+        touched = self._contacts.find_contact(
+            vehicle_id,
+            state.pos_ned_m,
+            state.vel_ned_mps,
+            on_ground=state.on_ground,
+            hit_ned_mps=state.hit_ned_mps,
+        )
         if touched is not None:
             self._fell(vehicle_id, touched)
 

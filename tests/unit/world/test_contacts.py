@@ -13,8 +13,11 @@ from mission.common.frames import Vec3
 from mission.stand.stand import Stand, StandTree
 from sim_bridge.judge.metrics import CONTACT_M
 from sim_bridge.world.airframe.fragile import Fragile
+from sim_bridge.world.airframe.jsbsim_quad import JsbsimQuad
 from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.contacts import REACH_M, Collisions, Contacts, Touched
+from sim_bridge.world.world import TICK_S
+from tests.unit.world.airframe_kit import FRAME
 
 TRUNK = StandTree(5.0, 0.0, 0.2, 20.0, 20.0, 0.2)  # 5 m east
 CROWNED = StandTree(5.0, 0.0, 0.2, 20.0, 8.0, 2.0)
@@ -95,6 +98,42 @@ def test_how_hard_the_ground_was_touched_tells_the_speed_before() -> None:
 def test_the_ground_is_touched_hard_or_landed_on(vel_ned_mps: Vec3, expected: Touched | None) -> None:
     way: tuple[Vec3, Vec3] = ((0.0, 0.0, -0.1), (0.0, 0.0, 0.0))
     assert touched(Stand(), *way, vel_ned_mps=vel_ned_mps, on_ground=True) is expected
+
+
+def looks(quad: JsbsimQuad, ticks: int) -> tuple[list[Touched], bool]:
+    """What is touched, and whether a bounce fell between two looks."""
+    contacts, found, unseen = Contacts(Stand()), [], False
+    for _ in range(ticks):
+        quad.step(TICK_S)
+        state = quad.state
+        what = contacts.find_contact(
+            1, state.pos_ned_m, state.vel_ned_mps, on_ground=state.on_ground, hit_ned_mps=state.hit_ned_mps
+        )
+        found += [] if what is None else [what]
+        unseen = unseen or (what is not None and not state.on_ground)
+    return found, unseen
+
+
+def test_a_fall_is_seen_also_if_it_bounces_between_two_looks() -> None:
+    falls = [looks(JsbsimQuad(FRAME, (0.0, 0.0, -0.6 - 0.35 * k), 0.0), 40) for k in range(16)]
+    assert all(Touched.GROUND in found for found, _ in falls)
+    assert any(unseen for _, unseen in falls)
+
+
+def test_a_take_off_and_a_landing_touch_nothing() -> None:
+    quad = JsbsimQuad(FRAME, STILL, 0.0)
+    quad.set_armed(True)
+    for down_mps, ticks in ((-1.2, 60), (1.5, 120)):
+        quad.command((0.5, 0.0, down_mps), 0.0)
+        assert looks(quad, ticks) == ([], False)
+    assert quad.state.on_ground
+
+
+def test_one_that_grazes_the_ground_as_it_rises_does_not_come_down_on_it() -> None:
+    contacts = Contacts(Stand())
+    contacts.find_contact(1, (0.0, 0.0, -0.01), (1.2, 0.0, -0.3), on_ground=False)
+    rises = contacts.find_contact(1, (0.1, 0.0, -0.02), (1.2, 0.0, -0.3), on_ground=False, hit_ned_mps=(1.2, 0.0, -0.2))
+    assert rises is None
 
 
 def test_who_stands_beside_a_trunk_touches_nothing() -> None:
