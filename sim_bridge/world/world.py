@@ -75,8 +75,9 @@ class World:
         self.touched: dict[int, Touched] = {}
         self._motor_failed: set[int] = set()
         senses = mission.sensing is not None
-        self._contacts = Contacts(stand, ground=senses) if senses or stand.has_obstacles else None
-        self._collisions = Collisions() if mission.swarm.size > 1 else None
+        reach_m = mission.vehicle_radius_m
+        self._contacts = Contacts(stand, reach_m=reach_m, ground=senses) if senses or stand.has_obstacles else None
+        self._collisions = Collisions(reach_m) if mission.swarm.size > 1 else None
         crowns = Crowns(stand) if sim.satellites.crowns is Sky.SHADE else None
         gnss_fails = any(FORMS[fault.kind].needs is Needs.SATELLITES for fault in sim.faults)
         if crowns is None and gnss_fails and mission.flies_by_ranges:

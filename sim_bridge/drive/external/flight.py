@@ -68,7 +68,7 @@ class ExternalFlight:
         self.over = False  # what follows is not a part of the record
         self.stand = stand = stand_of(mission, folder)
         self.radio = radio_of(mission, stand)
-        self._contacts = Contacts(stand, ground=mission.sensing is not None)
+        self._contacts = Contacts(stand, reach_m=mission.vehicle_radius_m, ground=mission.sensing is not None)
         self._touched: dict[int, Touched] = {}
         self.observer = Observer(mission, autopilots.ids, folder, self.stand)
         stack.callback(self.observer.close)

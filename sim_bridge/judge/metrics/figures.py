@@ -201,7 +201,8 @@ FIGURES: Final[tuple[Figure, ...]] = (
     Figure(
         "contacts_vehicles",
         "",
-        "Times that two vehicles came closer than 0.7 m, centre to centre (hulls of 0.35 m touch), with one of them "
+        "Times that two vehicles came closer than 0.7 m, centre to centre (hulls of 0.35 m touch; the mission's "
+        "sensing.vehicle_radius_m, where it has one), with one of them "
         "airborne. A contact counts once for as long as it lasts. In the bridge both fall and are lost.",
         better=LESS,
         title="contacts between vehicles",
@@ -209,7 +210,8 @@ FIGURES: Final[tuple[Figure, ...]] = (
     Figure(
         "contacts_trunks",
         "",
-        "Vehicles that came closer than 0.35 m to the surface of a trunk, below its top and off the ground. In "
+        "Vehicles that came closer than 0.35 m (sensing.vehicle_radius_m) to the surface of a trunk, below its top and "
+        "off the ground. In "
         "the bridge such a vehicle falls and is lost; the first thing that one runs into counts, and nothing "
         "after it.",
         better=LESS,

@@ -15,7 +15,7 @@ from sim_bridge.judge.recording import Recording
 from sim_bridge.trunk_attenuation import RangeShare
 
 # Two level F450 (0.45 m between opposite motors, 10 in propellers) touch at 0.70 m arm against arm: the hulls of 0.35 m
-# that trunks are judged by
+# that trunks are judged by, where the mission has no `sensing.vehicle_radius_m` of its own
 CONTACT_M = 0.7
 PAIRS_AT_ONCE = 1_000_000  # bounds memory to tens of megabytes, whatever n and T
 
@@ -76,6 +76,7 @@ def look_at_pairs(
     touched = np.zeros((1, len(first)), dtype=np.bool_)  # in the tick before
     touches = [np.zeros((0, 2), np.intp)]
     layered = len(list_layers(mission)) > 1
+    contact_m = 2.0 * mission.vehicle_radius_m
     for at in _chunks(ticks, len(first)):
         distance_m = _distance_m(recording, at, first, second)
         linked[at] = _linked(recording, at, first, second, distance_m, share)
@@ -86,7 +87,7 @@ def look_at_pairs(
             nearest[at] = apart_m.argmin(axis=1)
             least_m[at] = apart_m.min(axis=1)
         both_ground = recording.on_ground[at][:, first] & recording.on_ground[at][:, second]
-        touching = (distance_m < CONTACT_M) & ~both_ground
+        touching = (distance_m < contact_m) & ~both_ground
         before = np.concatenate((touched, touching[:-1]))
         touches.append(np.argwhere(touching & ~before) + np.array((at.start, 0)))
         touched = touching[-1:]
