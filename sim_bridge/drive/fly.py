@@ -83,7 +83,7 @@ class Flight:
         self.observer = Observer(mission, world.vehicles, folder, world.stand)
         self._recording = folder is not None
         self._live = live
-        self.faults = Faults(mission.sim.faults, immune_of(mission))
+        self.faults = Faults(mission.sim.faults, immune_of(mission, still_air=world.still_air))
         self._operator = Operator(mission)
         self._lost: set[int] = set()
         self._full: frozenset[int] = frozenset()  # companions' disks
@@ -166,10 +166,12 @@ class Flight:
     def intervene(self, fault: Mapping[str, Any]) -> None:
         """Let a fault begin with the next tick; `fault`: as in [[sim.faults]], without a time.
 
-        MissionError for one that this mission cannot have. A mission with the same fault at that time flies the same.
+        MissionError for one that this mission cannot have, ValueError for one that can strike nobody.
+        A mission with the same fault at that time flies the same.
         """
-        self.mission = self.mission.with_faults([{**fault, "at_s": self.world.now_s}], place="the map")
-        self.faults.add(self.mission.sim.faults[-1])
+        mission = self.mission.with_faults([{**fault, "at_s": self.world.now_s}], place="the map")
+        self.faults.add(mission.sim.faults[-1])
+        self.mission = mission
 
     def close(self) -> None:
         """End the companions, record what is left and close the logs."""

@@ -16,6 +16,7 @@ from mission.schema.kinds import FaultKind
 from mission.stand.stand import Stand, stand_of
 from sim_bridge.world.airframe.base import Airframe, AirframeFactory
 from sim_bridge.world.airframe.fragile import Fragile
+from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.autopilot import CANOPY_PARAMETERS, CAPACITY, Autopilot, Link, StreamProfile, make_autopilot
 from sim_bridge.world.autopilot.estimates.aiding import Aided
 from sim_bridge.world.autopilot.estimates.errors import errors_of
@@ -73,6 +74,7 @@ class World:
         sim = mission.sim
         self.stand = stand = stand_of(mission) if stand is None else stand
         self.touched: dict[int, Touched] = {}
+        self.still_air = False  # no wind moves point masses
         self._motor_failed: set[int] = set()
         senses = mission.sensing is not None
         reach_m = mission.vehicle_radius_m
@@ -88,6 +90,7 @@ class World:
         self.vehicles: dict[int, Vehicle] = {}
         for vehicle_id, pos_ned_m in enumerate(starts_ned_m, start=1):
             body = airframe(self.frame, pos_ned_m, sim.seed * 1000 + vehicle_id)
+            self.still_air = isinstance(body, PointMass)
             if self._contacts is not None or self._collisions is not None or motor_fails:
                 body = Fragile(body, stand.ground_up_m)
             personality = sim.personality_of(vehicle_id)

@@ -269,6 +269,8 @@ def test_the_tables_of_a_campaign() -> None:
     ]  # those of earlier versions name no attacker
     assert [row["seed"] for row in summary.failures(rows)] == [3, 2]
     text = summary.markdown(rows)
+    assert "in still air" not in text
+    assert "in still air" in summary.markdown([row | {"backend": "agents"} for row in rows])
     assert "| all: 4 | 1 (25.0 %) | 1 (25.0 %) | 1 (25.0 %) | 1 (25.0 %) | 65 (80) |" in text
     assert "| insider: 1 | 0 (0.0 %) | 1 (100.0 %) |" in text
     assert "| no attacker: 3 | 1 (33.3 %) |" in text

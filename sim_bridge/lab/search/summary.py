@@ -10,9 +10,11 @@ from typing import Any
 from sim_bridge.judge.verdict import Grade
 from sim_bridge.lab.search.draw import VERSION
 from sim_bridge.lab.search.flight import CAUSES
+from sim_bridge.lab.study.case import Backend
 from sim_bridge.lab.study.results.page import NEVER_ENDED
 
 Row = dict[str, Any]
+STILL_AIR = " Flown by point masses, in still air: no wind of theirs was flown, and no fault of wind fired."
 
 
 def failures(rows: Sequence[Row]) -> list[Row]:
@@ -23,11 +25,12 @@ def failures(rows: Sequence[Row]) -> list[Row]:
 
 def markdown(rows: Sequence[Row]) -> str:
     """All tables."""
+    still = STILL_AIR if any(row.get("backend") == Backend.AGENTS for row in rows) else ""
     return "\n".join(
         [
             *_grades(rows),
             "",
-            f"Missions as drawn by version {VERSION}.",
+            f"Missions as drawn by version {VERSION}.{still}",
             "",
             *_causes(rows),
             "",

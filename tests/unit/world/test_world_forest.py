@@ -12,6 +12,7 @@ from companion.mavlink.framing.frames import Framing
 from mission.common.frames import Vec3
 from mission.document.model import Mission
 from mission.stand.stand import Stand, StandTree
+from sim_bridge.world.airframe.jsbsim_quad import jsbsim_airframes
 from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.autopilot import Link, StreamProfile
 from sim_bridge.world.contacts import Touched
@@ -95,6 +96,12 @@ def test_a_vehicle_that_touches_a_trunk_is_named_and_falls_and_the_others_fly_on
     assert one.on_ground
     assert one.pos_ned_m[1] == pytest.approx(30.0 - 0.65, abs=0.3)
     assert all(not other.on_ground for other in others)
+
+
+def test_a_world_of_point_masses_says_that_its_air_is_still() -> None:
+    air = world(mission())
+    quads = World(mission(), jsbsim_airframes(mission()), links=LINKS)
+    assert (air.still_air, quads.still_air) == (True, False)
 
 
 @pytest.mark.parametrize(("radius_m", "touched"), [(0.35, set()), (1.0, {1, 2, 3})])
