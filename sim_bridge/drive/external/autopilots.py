@@ -13,7 +13,7 @@ from companion.mavlink import dialect
 from companion.mavlink.framing import wire
 from mission.common.frames import LocalFrame, Vec3, Wgs84, enu_to_ned
 from mission.document.model import Mission, Origin
-from sim_bridge.drive.external.truth import TRUTH_HZ, TRUTH_IDS, TRUTH_STREAMS, Truth, position_of, truth_of
+from sim_bridge.drive.external.truth import TRUTH_HZ, TRUTH_IDS, TRUTH_STREAMS, Truth, position_of, rates_of, truth_of
 from sim_bridge.drive.links.ports import Address, Listener, Reader
 from sim_bridge.drive.links.router import HEARD, AutopilotSockets, Router
 from sim_bridge.judge.estimate_errors import EstimateErrors
@@ -40,6 +40,7 @@ class Telemetry:
         "make",
         "position",
         "position_s",
+        "rates_radps",
         "truth",
         "truth_s",
         "vel_ned_mps",
@@ -50,6 +51,7 @@ class Telemetry:
         self.vel_ned_mps: Vec3 = (0.0, 0.0, 0.0)
         self.position_s = -math.inf
         self.attitude_rad: Vec3 = (0.0, 0.0, 0.0)  # roll, pitch, yaw
+        self.rates_radps: Vec3 = (0.0, 0.0, 0.0)  # body p, q, r
         self.attitude_s = -math.inf
         self.heard_s = -math.inf
         self.home: Wgs84 | None = None
@@ -70,6 +72,7 @@ class Telemetry:
                 self.vel_ned_mps = (m.vx / 100.0, m.vy / 100.0, m.vz / 100.0)
             case dialect.MAVLINK_MSG_ID_ATTITUDE if math.isfinite(m.roll + m.pitch + m.yaw):
                 self.attitude_rad, self.attitude_s = (m.roll, m.pitch, m.yaw), now_s
+                self.rates_radps = rates_of(m.rollspeed, m.pitchspeed, m.yawspeed)
             case dialect.MAVLINK_MSG_ID_HOME_POSITION:
                 self.home = position_of(m.latitude, m.longitude, m.altitude / 1e3) or self.home
             case dialect.MAVLINK_MSG_ID_HEARTBEAT:
@@ -226,6 +229,12 @@ class Autopilots:
         heard = self.telemetry[vehicle_id]
         told = heard.truth if vehicle_id in self.by_truth else None
         return heard.vel_ned_mps if told is None else told.vel_ned_mps
+
+    def rates(self, vehicle_id: int) -> Vec3:
+        """As `position`: body p, q, r, rad/s."""
+        heard = self.telemetry[vehicle_id]
+        told = heard.truth if vehicle_id in self.by_truth else None
+        return heard.rates_radps if told is None else told.rates_radps
 
     def missing(self, *, home_of: int | None) -> str:
         """The first vehicle that lacks something, and its lack, in words; empty: all is there."""

@@ -14,25 +14,26 @@ from sim_bridge.drive.external.autopilots import Telemetry
 from sim_bridge.drive.external.truth import Truth, told_by
 
 ZEROS3 = (0.0, 0.0, 0.0)
+RATES = (0.25, -0.5, 1.0)
 HERE = Wgs84(47.397742, 8.545594, 488.5)
 LAT, LON = 473_977_420, 85_455_940
 
 
 def hil(quaternion: list[float], lat: int = LAT) -> Any:
     return standard.MAVLink_hil_state_quaternion_message(
-        0, quaternion, *ZEROS3, lat, LON, 488_500, 100, -200, 50, 0, 0, 0, 0, 0
+        0, quaternion, *RATES, lat, LON, 488_500, 100, -200, 50, 0, 0, 0, 0, 0
     )
 
 
 def sim_state(lat_int: int = LAT, lon_int: int = LON, yaw: float = 1.5) -> Any:
     attitude, place, vel = (0.1, -0.2, yaw), (47.3977, 8.5456, 488.5), (1.0, -2.0, 0.5)
     return standard.MAVLink_sim_state_message(
-        1.0, *ZEROS3, *attitude, *ZEROS3, *ZEROS3, *place, 0.0, 0.0, *vel, lat_int=lat_int, lon_int=lon_int
+        1.0, *ZEROS3, *attitude, *ZEROS3, *RATES, *place, 0.0, 0.0, *vel, lat_int=lat_int, lon_int=lon_int
     )
 
 
 def simstate() -> Any:
-    return standard.MAVLink_simstate_message(0.1, -0.2, 1.5, *ZEROS3, *ZEROS3, LAT, LON)
+    return standard.MAVLink_simstate_message(0.1, -0.2, 1.5, *ZEROS3, *RATES, LAT, LON)
 
 
 def estimate() -> Any:
@@ -85,6 +86,16 @@ def test_simstate_has_its_height_and_velocity_from_the_estimate() -> None:
     assert truth.vel_ned_mps == (0.3, 0.4, 0.5)
     assert truth.attitude_rad == pytest.approx((0.1, -0.2, 1.5))
     assert not truth.has_height
+
+
+@pytest.mark.parametrize("told", [hil([1.0, 0.0, 0.0, 0.0]), sim_state(), simstate()])
+def test_rates_are_told_with_the_truth_and_by_the_autopilot(told: Any) -> None:
+    attitude = standard.MAVLink_attitude_message(0, 0.0, 0.0, 0.0, *RATES)
+    telemetry = heard(estimate(), attitude, told)
+    assert telemetry.truth is not None
+    assert telemetry.truth.rates_radps == telemetry.rates_radps == RATES
+    no_rates = standard.MAVLink_attitude_message(0, 0.1, 0.0, 0.0, math.nan, 0.0, 0.0)
+    assert (heard(no_rates).attitude_rad[0], heard(no_rates).rates_radps) == (pytest.approx(0.1), ZEROS3)
 
 
 def test_simstate_is_not_taken_beside_sim_state() -> None:
