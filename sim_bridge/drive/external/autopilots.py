@@ -25,6 +25,8 @@ BRIDGE_COMPONENT = 240  # MAV_COMP_ID_UDP_BRIDGE
 STREAMS_HZ = {dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 20.0, dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5.0}
 ATTITUDE_HZ = 20.0  # for the obstacle sensors
 SILENT_S = 3.0  # three heartbeats
+DOWN_WITHIN_M = 0.1  # of the height at which it stood last, and slower than this, a vehicle is down in truth
+DOWN_MPS = 0.5
 
 
 class Telemetry:
@@ -41,6 +43,7 @@ class Telemetry:
         "position",
         "position_s",
         "rates_radps",
+        "stood_m",
         "truth",
         "truth_s",
         "vel_ned_mps",
@@ -60,6 +63,7 @@ class Telemetry:
         self.make: int | None = None  # MAV_AUTOPILOT
         self.truth: Truth | None = None  # by its simulator
         self.truth_s = -math.inf
+        self.stood_m: float | None = None  # true altitude when the autopilot last had it on the ground
 
     def receive_message(self, m: Any, now_s: float) -> None:
         """A valid message of this autopilot; what makes no sense changes nothing of the rest."""
@@ -84,11 +88,21 @@ class Telemetry:
                 told = truth_of(m, self.truth, self.position, self.vel_ned_mps)
                 if told is not self.truth:
                     self.truth, self.truth_s = told, now_s
+                    if told is not None and told.has_height and self.on_ground:
+                        self.stood_m = told.position.alt_m
 
     @property
     def on_ground(self) -> bool:
         """As the autopilot has it."""
         return self.landed is LandedState.ON_GROUND or (self.landed is LandedState.UNDEFINED and not self.armed)
+
+    @property
+    def is_down(self) -> bool:
+        """On the ground by the truth, where that tells heights: an autopilot finds it a second or more after it is."""
+        truth = self.truth
+        if self.on_ground or truth is None or not truth.has_height or self.stood_m is None:
+            return self.on_ground
+        return truth.position.alt_m < self.stood_m + DOWN_WITHIN_M and math.hypot(*truth.vel_ned_mps) < DOWN_MPS
 
 
 def origin_at_home(mission: Mission, home: Wgs84) -> Mission:
@@ -168,6 +182,11 @@ class Autopilots:
     def truths(self) -> dict[int, Truth]:
         """The last that each simulator has told, where it does."""
         return {k: heard.truth for k, heard in self.telemetry.items() if heard.truth is not None}
+
+    def heights_by_estimates(self) -> list[int]:
+        """Vehicles whose hits of the ground nobody tells in time to see how hard they were."""
+        told = self.truths()
+        return [k for k in self.ids if k not in self.by_truth or not told[k].has_height]
 
     def _lacks_truth(self, vehicle_id: int, since_s: float) -> bool:
         heard = self.telemetry[vehicle_id]

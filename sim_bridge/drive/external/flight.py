@@ -246,7 +246,7 @@ class ExternalFlight:
         for k in self._autopilots.ids:
             heard = self._autopilots.telemetry[k]
             pos_ned_m = self._autopilots.position(k)
-            what = self._contacts.find_contact(k, pos_ned_m, self._autopilots.velocity(k), on_ground=heard.on_ground)
+            what = self._contacts.find_contact(k, pos_ned_m, self._autopilots.velocity(k), on_ground=heard.is_down)
             if what is not None:
                 self._touched.setdefault(k, what)
 
