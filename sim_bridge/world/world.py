@@ -48,6 +48,7 @@ class Vehicle:
     receiver: Receiver | None = None  # of satellites, where it has odometry besides
     gnss: FaultyGnss | None = None  # where it has not, and a fault strikes it
     position: FaultyPosition | None = None  # where a fault strikes what it makes of all its sensors
+    odometry: Odometer | Aided | None = None  # where it has any
 
 
 class World:
@@ -103,13 +104,15 @@ class World:
             shaded: Aided | None = None
             gnss: FaultyGnss | None = None
             position: FaultyPosition | None = None
+            odometry: Odometer | Aided | None = None
             blind = not mission.has_satellites(vehicle_id)
             if blind:
-                believed: Airframe = Odometer(body, sim.odometry, seed=sim.seed, vehicle_id=vehicle_id)
+                odometry = Odometer(body, sim.odometry, seed=sim.seed, vehicle_id=vehicle_id)
+                believed: Airframe = odometry
                 presets |= odometry_parameters(personality, mission.route.d1_enu_m[2])
             elif crowns is not None:
                 receiver = Receiver(crowns, sim.satellites.crown_db_per_m, seed=sim.seed, vehicle_id=vehicle_id)
-                believed = shaded = Aided(body, receiver, sim.odometry, seed=sim.seed, vehicle_id=vehicle_id)
+                believed = shaded = odometry = Aided(body, receiver, sim.odometry, seed=sim.seed, vehicle_id=vehicle_id)
             else:
                 believed = estimated(body, errors_of(sim, vehicle_id), sim.seed, vehicle_id)
                 if lies:
@@ -128,7 +131,9 @@ class World:
                 satellites=not blind,
                 shaded=shaded,
             )
-            self.vehicles[vehicle_id] = Vehicle(vehicle_id, body, believed, autopilot, receiver, gnss, position)
+            self.vehicles[vehicle_id] = Vehicle(
+                vehicle_id, body, believed, autopilot, receiver, gnss, position, odometry
+            )
         self.radio = radio_of(mission, stand)
         self.sensors = simulated_sensors(mission, stand, list(self.vehicles))
         self._sensed: dict[int, Vec3] = {}  # where the vehicles were at the last step that was sensed
