@@ -259,7 +259,8 @@ class SearchingPartition(NetworkPartition):
         else:
             lost_s = self.partitioned_s(now_s)
             if lost_s < self._hold_s(lease.leader):
-                lost_s = 0.0
+                search.end(now_s)
+                return
             if phase is not SwarmPhase.COVERAGE:
                 heard_at = contacts.heard_last(missing)
                 outside = [(position, self._outside_m) for position in ahead]

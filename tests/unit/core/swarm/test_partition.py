@@ -355,6 +355,17 @@ def test_where_there_are_layers_a_part_stands_before_it_looks_for_the_others() -
         assert one.parts.recovery.goal is not None
 
 
+def test_in_layers_a_part_stands_also_when_it_is_lost_again() -> None:
+    """It set out at once, as in one height; others that share its layer take it to be where it was."""
+    leader = Leader(SwarmPhase.TRANSIT, quorum=False, layers=True)
+    leader.parts.recovery.back_s, leader.parts.recovery.on_s = leader.now_s - 5.0, leader.now_s - 1.0
+    stands = 0
+    while leader.parts.recovery.goal is None:
+        leader.period()
+        stands += 1
+    assert PERIOD_S * stands == pytest.approx(STANDS_S, abs=2.0)
+
+
 def test_followers_of_a_part_that_stands_stand_too() -> None:
     layers = {"separation": {"height_layers": True}}
     stands_s = STANDS_S + TURN_S  # that of a part which vehicle 2 leads, of three layers
