@@ -143,6 +143,10 @@ class NetworkPartition:
         """With the majority again, and about to come back to the mission's height: others may stand where it is."""
         return self._layer_m is not None and self._whole_s is not None and now_s - self._whole_s <= LEAVES_S
 
+    def makes_wait(self, now_s: float) -> bool:
+        """A leader's: it waits for others that are lost, or to come back to the mission's height."""
+        return bool(self.waits_for) or self.leaves_layer(now_s)
+
     def _is_way_free(self, picture: Picture) -> bool:
         others = [n.rel_ned_m for n in picture.neighbours] + find_hover_places(picture.silent.values())
         return all([math.hypot(rel[0], rel[1]) >= self._clear_m for rel in others])

@@ -228,7 +228,7 @@ class Swarm:
         With its position more uncertain than the mission allows it turns back, or does not set out.
         """
         now_s, is_lost = picture.now_s, picture.is_position_lost
-        there = to_goal_m <= self._mission.route.arrival_distance_m
+        there, started = to_goal_m <= self._mission.route.arrival_distance_m, self.operator.started
         if (
             is_lost
             and self._mission.swarm.position_uncertain is PositionUncertain.RETURN
@@ -238,9 +238,9 @@ class Swarm:
             return
         if self.phases.is_near_end(now_s) and not self._is_formed(picture):
             self.phases.note_unformed(now_s)
-        done, phase, stop = self.roster.done, self.phases.phase, self.phases.stop
-        done = self._may_leave(self.roster.with_excluded(done), is_lost=is_lost)
-        if self.phases.decide_phase(done, to_goal_m=to_goal_m, started=self.operator.started, now_s=now_s):
+        phase, stop, waits = self.phases.phase, self.phases.stop, self.partition.makes_wait(now_s)
+        done = self._may_leave(self.roster.with_excluded(self.roster.done), is_lost=is_lost)
+        if self.phases.decide_phase(done, to_goal_m=to_goal_m, started=started, now_s=now_s, waits=waits):
             entered = self.phases.phase
             if entered is SwarmPhase.GATHER:
                 self.roster.mark_launched(done)
@@ -250,7 +250,7 @@ class Swarm:
                 self._reports.report_lane(stop, self.phases.stop, is_reached=there)
             else:
                 self._reports.report_phase(entered, phase, self.phases.stop, done)
-        elif (phase is SwarmPhase.ASSEMBLE and self.operator.started) or self.phases.overdue(now_s):
+        elif (phase is SwarmPhase.ASSEMBLE and started) or self.phases.overdue(now_s):
             self._reports.report_absent(done, now_s)
 
     def _is_formed(self, picture: Picture) -> bool:
