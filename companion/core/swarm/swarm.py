@@ -7,13 +7,11 @@ election is its Algorithm 1, lines 4-18 (see `election`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final
 
 from companion.core.guidance import coverage, formation
 from companion.core.model.actions import Say
 from companion.core.model.beacon import Beacon, BeaconEcho, Lease, PeerReport
-from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import STEERED, FlightState, Reception, Role, SwarmPhase
 from companion.core.model.vectors import ZERO, sub
 from companion.core.swarm.backtracking import Backtracking
@@ -198,8 +196,7 @@ class Swarm:
 
     def find_route(self, picture: Picture) -> None:
         """The way to the leader, how fast it may go, and what comes up it: which are there, and which have done it."""
-        neighbours = picture.neighbours
-        linked: Sequence[Neighbour] = neighbours
+        neighbours = linked = picture.neighbours
         if picture.is_steered:  # one that cannot follow must not hold up those that can
             linked = [n for n in neighbours if n.beacon.state in STEERED]
         if self.election.leads:
@@ -210,10 +207,11 @@ class Swarm:
             self.route = formation.route(linked, range_m=self.range_m)
             self.trust.check_route(self.route, neighbours, self.election.lease, picture.now_s)
         self._is_link_bad = formation.is_link_bad(self.route, was_bad=self._is_link_bad)
+        range_m, followers = self.formation_range_m, formation.children(self.me, self.route, linked)
         self.governor = formation.governor(
             self.route,
-            self.trust.filter_followers(formation.children(self.me, self.route, linked), picture.now_s),
-            range_m=self.formation_range_m,
+            self.trust.filter_followers(followers, picture.now_s, range_m=range_m),
+            range_m=range_m,
             link_is_bad=self._is_link_bad,
         )
         branches = [follower.beacon for follower in formation.children(self.me, self.route, neighbours)]
