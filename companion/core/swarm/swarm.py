@@ -20,7 +20,7 @@ from companion.core.swarm.orders import Goal
 from companion.core.swarm.partition import UNDER_WAY, build_partition
 from companion.core.swarm.phases import Phases
 from companion.core.swarm.picture import Picture
-from companion.core.swarm.priorities import Priorities, score_of
+from companion.core.swarm.priorities import Priorities, Resignation, score_of
 from companion.core.swarm.reports import SwarmReports
 from companion.core.swarm.roster import Roster
 from companion.core.swarm.trust.trust import Trust
@@ -44,7 +44,7 @@ class Swarm:
         """`operator`: the orders that this vehicle holds."""
         self.me, self.operator = me, operator
         self._reception = Reception.GOOD if mission.has_satellites(me) else Reception.NONE
-        self._priorities = Priorities(mission)
+        self._priorities, self._resignation = Priorities(mission), Resignation()
         self.trust = Trust(mission, me, self._priorities)
         self.election = self._new_election(mission)
         self.phases = Phases(mission)
@@ -175,7 +175,8 @@ class Swarm:
         there = picture.is_steered or (picture.can_lead and self.phases.phase <= SwarmPhase.GATHER)
         # A swarm of which all were stalled at once: one of them has to begin.
         there |= bool(picture.neighbours) and picture.listens_s > LISTEN_S
-        eligible = there and not resigns
+        is_out = self._resignation.update(picture, leads=self.election.acts, resigns=resigns)
+        eligible = there and not resigns and not is_out
         score = score_of(picture.battery_percent, self._reception)
         self.election.set_priority(self._priorities.of(self.me, self._reception))
         news = self.trust.run_period(picture, self.election, self.phases, is_held=self.operator.holds)
