@@ -79,12 +79,13 @@ def find_stems(scan: LevelScan, kind: ScanClass, walls: Sequence[bool] = ()) -> 
 
 
 def sector_edge_rad(scan: LevelScan, kind: ScanClass, k: int) -> float:
-    """Bearing of a sector's nearest hit less its middle's, where a wall goes on on both sides: towards the nearer."""
+    """Bearing of a sector's nearest hit less its middle's, of a wall: towards where that is nearer.
+
+    At the wall's end too: beyond it the neighbour has nothing.
+    """
     if kind.has_widths:
         return 0.0
     before_m, after_m = scan.ranges_m[k - 1], scan.ranges_m[(k + 1) % len(scan.ranges_m)]
-    if not (before_m < math.inf and after_m < math.inf):
-        return 0.0
     step_rad = math.remainder(scan.bearings_rad[k] - scan.bearings_rad[k - 1], math.tau)
     here_m = scan.ranges_m[k]
     if before_m < here_m < after_m:
