@@ -104,6 +104,14 @@ def test_what_is_seen_of_a_wall_far_off_is_no_stems_in_sectors(half_m: float, sl
     assert find_stems(scan, SECTORS, mark_walls(find_walls(scan, SECTORS), scan)) == []
 
 
+@pytest.mark.parametrize("corner", [(7.0, 8.5), (7.15, 8.65)])
+def test_a_corner_of_a_box_far_off_is_no_stems_in_sectors(corner: tuple[float, float]) -> None:
+    n, e = corner
+    scan = scan_of([((n, e), (n + 6.0, e)), ((n, e), (n, e + 6.0))], (0.0, 0.0), SECTORS)
+    assert sum(range_m < math.inf for range_m in scan.ranges_m) > 1
+    assert find_stems(scan, SECTORS, mark_walls(find_walls(scan, SECTORS), scan)) == []
+
+
 @pytest.mark.parametrize(
     ("kind", "at"), [(FINE, (0.0, 2.5)), (SECTORS, (1.0, 2.0)), (SECTORS, (0.0, 3.0)), (SECTORS, (1.0, 2.7))]
 )
