@@ -166,8 +166,7 @@ class Flight:
     def intervene(self, fault: Mapping[str, Any]) -> None:
         """Let a fault begin with the next tick; `fault`: as in [[sim.faults]], without a time.
 
-        MissionError for one that this mission cannot have, ValueError for one that can strike nobody.
-        A mission with the same fault at that time flies the same.
+        MissionError: this mission cannot have it; ValueError: it strikes nobody. A mission that has it flies the same.
         """
         mission = self.mission.with_faults([{**fault, "at_s": self.world.now_s}], place="the map")
         self.faults.add(mission.sim.faults[-1])
@@ -310,8 +309,7 @@ def fly(
         flight = Flight(mission, companions, world, folder, live, start, harvest, keyholder)
         flight.lockstep.insiders.sign_with({} if keys is None else keys.sessions)
         stack.callback(flight.close)
-        for error in lost_early:
-            flight.lockstep.lost[error.vehicle_id] = error.why
+        flight.lockstep.lost.update({error.vehicle_id: error.why for error in lost_early})
         flight.tell_lost(0.0)
         began_flying_s = time.perf_counter()
         stack.callback(collect_less())
