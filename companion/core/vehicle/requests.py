@@ -46,7 +46,7 @@ class AutopilotRequests:
 
     def send_request(self, ask: Ask, traits: AutopilotTraits, now_s: float) -> list[Ask]:
         """To be sent now: `ask`, or nothing while the one before may still show."""
-        if now_s < self._shows_until_s(traits):
+        if not self.may_ask(traits, now_s):
             return []
         if ask.request is not self.request:
             self.reset()
@@ -57,6 +57,10 @@ class AutopilotRequests:
         self.request, self._asked_s, self._answer = ask.request, now_s, None
         self._reasons.clear()
         return [ask]
+
+    def may_ask(self, traits: AutopilotTraits, now_s: float) -> bool:
+        """True once the request asked for last should have shown."""
+        return now_s >= self._shows_until_s(traits)
 
     def _shows_until_s(self, traits: AutopilotTraits) -> float:
         """Time when the request asked for last should have shown."""
