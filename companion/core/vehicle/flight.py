@@ -55,6 +55,7 @@ class Flight:
         self._steering_since_s: float | None = None  # since when setpoints have been streaming
         self._climb = Climb(self.vehicle, self._modes, takeoff_altitude_m)
         self._may_take_off = False
+        self.clear_above = True  # nobody hovers in the way of its climb, when it takes off
         self._waiting = Waiting()
         self._late_said = False
         self._said: list[Say] = []
@@ -255,6 +256,9 @@ class Flight:
             if not self._may_begin(phase, now_s, findings):  # as it is asked for again, for as long as it is refused
                 self._move(FlightEvent.CHECKS_FAIL)
                 return []
+            if not self.clear_above and not self.vehicle.armed:
+                return self._report_wait("a vehicle above", now_s)
+            self._waiting.clear()
         return self._next_step(how, now_s)
 
     def _next_step(self, how: AutopilotTraits, now_s: float) -> list[Ask | Say]:

@@ -8,7 +8,8 @@ import pytest
 
 from companion.core.model.states import Request
 from companion.core.vehicle.requests import RETRY_S
-from tests.unit.core.core_flight_kit import M, P, S, asked_to_arm, asked_to_climb, guided
+from companion.core.vehicle.waiting import WAIT_SAID_S
+from tests.unit.core.core_flight_kit import M, P, S, asked_to_arm, asked_to_climb, guided, ready
 
 FORBIDDEN: list[dict[str, Any]] = [
     {"may_take_off": False},
@@ -55,3 +56,17 @@ def test_in_guided_no_setpoints_go_on_once_it_is_held_back() -> None:
 def test_climb_that_has_been_asked_for_is_not_held_back() -> None:
     bench = asked_to_climb().seconds(10.0, may_take_off=False)
     assert bench.state is S.TAKING_OFF
+
+
+def test_one_under_another_waits_before_it_arms_and_says_so() -> None:
+    bench = ready()
+    bench.flight.clear_above = False
+    bench.seconds(WAIT_SAID_S + 1.0, phase=P.GATHER)
+    assert bench.asked == []
+    assert bench.texts == ["taking off to 8.0 m", "waiting: a vehicle above"]
+    assert bench.flight.waits_for == "a vehicle above"
+    bench.flight.clear_above = True
+    assert bench.tick().requests == [Request.ARM]
+    assert bench.flight.waits_for == ""
+    bench.flight.clear_above = False  # armed: no time is left for that
+    assert bench.seconds(2 * RETRY_S, armed=True).requests == [Request.TAKEOFF]
