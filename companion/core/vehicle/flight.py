@@ -50,7 +50,7 @@ class Flight:
         self._modes = Modes(self.vehicle)
         self._requests = AutopilotRequests()
         self._listens_since_s = -1e9  # only a HEARTBEAT after it counts
-        self._hold_is_ours = False  # it stalled in the HOLD that `_awaits_offboard`
+        self._hold_is_ours = False  # it stalled in the HOLD that awaits OFFBOARD
         self._holds = HoldReports()
         self._steering_since_s: float | None = None  # since when setpoints have been streaming
         self._climb = Climb(self.vehicle, self._modes, takeoff_altitude_m)
@@ -109,14 +109,9 @@ class Flight:
         if climbs or self.state is FlightState.LANDING:
             self._move(FlightEvent.LISTEN_ON)
             return
-        hold_is_ours = self._hold_is_ours or self._awaits_offboard()
+        hold_is_ours = self._hold_is_ours or (self.state in STEERED and self._modes.awaits_offboard)
         self._move(FlightEvent.LISTEN)
         self._hold_is_ours = hold_is_ours
-
-    def _awaits_offboard(self) -> bool:
-        """Steered, but still in the HOLD in which its climb ended or an operator handed it back."""
-        in_hold = self._modes.is_in(FlightMode.HOLD) and self._modes.as_it_began
-        return in_hold and self.state in STEERED and not self._modes.offboard_seen
 
     def _listen(self) -> None:
         self._steering_since_s = None
@@ -280,6 +275,10 @@ class Flight:
 
     def _steer_vehicle(self, phase: SwarmPhase, now_s: float, findings: Sequence[Finding]) -> list[Ask | Say]:
         assert self.vehicle.mode is not None
+        if self._listens:  # handed back: the mode that is known may be from before
+            if self.vehicle.heartbeat_lost(now_s):
+                self._move(FlightEvent.LISTEN)
+            return []
         if self._steering_since_s is None:
             self._steering_since_s = now_s
         streams_s = now_s - self._steering_since_s
@@ -305,10 +304,11 @@ class Flight:
 
     def _land(self, now_s: float) -> list[Ask | Say]:
         assert self.vehicle.mode is not None
-        if not self.vehicle.armed:
+        may_still_arm = not self._climb.armed_seen and self.vehicle.heartbeat_s < self._requests.arm_shows_by_s
+        if not self.vehicle.armed and not may_still_arm:
             self._move(FlightEvent.DISARM)
             return [Say(Severity.NOTICE, "landed")]
-        if self._listens:
+        if self._listens or not self.vehicle.armed:
             return []
         # What was asked for just before the landing may still show, and so may a failsafe.
         late = {FlightMode.OFFBOARD, FlightMode.TAKEOFF, FlightMode.HOLD} if not self._modes.offboard_seen else set()
@@ -354,9 +354,11 @@ class Flight:
             for found in failsafe_engine.detect(Source.REQUEST, Readings(refused=ask.request.value)):
                 self._respond(found)
             return []
-        mode = self.vehicle.mode
+        mode, asked_to_land = self.vehicle.mode, self._requests.request is Request.LAND
         if mode is None or mode.traits is None:
             return []
+        if self.vehicle.heartbeat_lost(now_s) and (ask.request is not Request.LAND or asked_to_land):
+            return []  # its pilot may have it by now: even a landing is asked for but once
         return [*self._requests.send_request(ask, mode.traits, now_s)]
 
     def _move(self, event: FlightEvent) -> None:

@@ -55,6 +55,11 @@ class Modes:
         """In the mode in which this step of the flight began."""
         return self._vehicle.mode is not None and self._vehicle.mode.name == self._began_in
 
+    @property
+    def awaits_offboard(self) -> bool:
+        """Still in the HOLD in which its climb ended, or in which an operator handed it back."""
+        return self.is_in(FlightMode.HOLD) and self.as_it_began and not self.offboard_seen
+
     def is_anothers(self, asked_for: FlightMode, *, ends_in_hold: bool = False) -> bool:
         """The mode is neither the one in which this step began nor `asked_for`, or is no longer `asked_for`."""
         if self.is_in(asked_for):
@@ -103,17 +108,17 @@ class Modes:
 class Climb:
     """History of one vehicle's takeoff: whether it was armed, and whether it climbs. `findings` each tick of it."""
 
-    __slots__ = ("_altitude_m", "_armed_seen", "_modes", "_vehicle", "seen", "stalled")
+    __slots__ = ("_altitude_m", "_modes", "_vehicle", "armed_seen", "seen", "stalled")
 
     def __init__(self, vehicle: Vehicle, modes: Modes, altitude_m: float) -> None:
         self._vehicle, self._modes, self._altitude_m = vehicle, modes, altitude_m
         self.seen = False
         self.stalled = False  # this companion, while it climbs
-        self._armed_seen = False
+        self.armed_seen = False
 
     def start_over(self) -> None:
         """Another flight."""
-        self.seen = self.stalled = self._armed_seen = False
+        self.seen = self.stalled = self.armed_seen = False
 
     def findings(self, how: AutopilotTraits) -> list[Finding]:
         """Look at what shows now, and find what ends the climb. `how`: of its make."""
@@ -123,9 +128,9 @@ class Climb:
         self.stalled = False
         if self._modes.is_anothers(how.climbs_in, ends_in_hold=how.climbs_in is FlightMode.TAKEOFF):
             found.append(self._modes.find_mode_change())
-        self._armed_seen |= vehicle.armed
+        self.armed_seen |= vehicle.armed
         self.seen |= vehicle.climbs_by_itself or (how.climbs_in is FlightMode.OFFBOARD and vehicle.airborne)
-        if self._armed_seen and not vehicle.armed:
+        if self.armed_seen and not vehicle.armed:
             found += failsafe_engine.detect(Source.CLIMB, Readings(disarmed=True, climb_seen=self.seen))
         elif self.seen and not (vehicle.climbs_by_itself or vehicle.has_climbed_to(self._altitude_m)):
             found.append(self._modes.find_mode_change())

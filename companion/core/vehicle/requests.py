@@ -30,6 +30,7 @@ class AutopilotRequests:
     def __init__(self) -> None:
         self.refused_for_good = False  # what was asked for last
         self.request: Request | None = None  # asked for last, in this step of the flight
+        self.arm_shows_by_s = -1e9  # a HEARTBEAT from before may still say disarmed
         self._asked_s = -1e9
         self._answer: Result | None = None
         self._answered_s = -1e9  # the first answer
@@ -55,6 +56,8 @@ class AutopilotRequests:
         elif self._answer in NO_NEWS:
             self._report_refusal(f"{ask.request.value} answered {self._answer.name}, without effect", now_s)
         self.request, self._asked_s, self._answer = ask.request, now_s, None
+        if ask.request is Request.ARM:
+            self.arm_shows_by_s = now_s + traits.mode_shows_s
         self._reasons.clear()
         return [ask]
 

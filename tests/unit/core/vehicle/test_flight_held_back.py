@@ -6,9 +6,11 @@ from typing import Any
 
 import pytest
 
-from companion.core.model.states import Request
+from companion.core.model.events import Answer
+from companion.core.model.states import Request, Result
 from companion.core.vehicle.requests import RETRY_S
 from companion.core.vehicle.waiting import WAIT_SAID_S
+from companion.mavlink.makes.px4 import PX4
 from tests.unit.core.core_flight_kit import M, P, S, asked_to_arm, asked_to_climb, guided, ready
 
 FORBIDDEN: list[dict[str, Any]] = [
@@ -70,3 +72,13 @@ def test_one_under_another_waits_before_it_arms_and_says_so() -> None:
     assert bench.flight.waits_for == ""
     bench.flight.clear_above = False  # armed: no time is left for that
     assert bench.seconds(2 * RETRY_S, armed=True).requests == [Request.TAKEOFF]
+
+
+def test_landing_ends_no_sooner_than_the_arming_that_was_asked_for_would_show() -> None:
+    bench = asked_to_arm()
+    bench.flight.receive(Answer(Request.ARM, Result.ACCEPTED), bench.now_s)
+    bench.seconds(0.5, heartbeat=False, land_now=True)
+    assert bench.state is S.LANDING
+    assert bench.seconds(0.5, heartbeat=True, armed=True).requests == [Request.LAND]
+    assert bench.seconds(PX4.traits.mode_shows_s, armed=False).state is S.LANDED
+    assert asked_to_arm().seconds(PX4.traits.mode_shows_s + 0.1, land_now=True).state is S.LANDED  # it never armed
