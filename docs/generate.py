@@ -77,6 +77,8 @@ BESIDES_METRICS = """\
 | `seed` | `sim.seed` of the flight. |
 | `ended` | Why: `coverage complete`, `all landed` (`but K`: armed for another 60 s), a time limit, `interrupted`, or \
 no companion left. |
+| `end_s` | Simulated time then. What was recorded after it (records on their way to the base station; the landing of \
+external autopilots) is neither coverage nor landed early; dangers count. |
 | `verdict` | The last line of `fly`: see above. |
 | `wall_time_s` | How long it took on your machine. |
 | `real_time_factor` | `sim_time_s` over the wall time of the flight itself, without the start of the companions. |

@@ -147,7 +147,7 @@ def study_page() -> Iterator[str]:
         "the law alone, many seeds at once, on point masses; no loss, wind, wrong estimates, trees or coverage. A "
         "mission with `[sensing]`: agents among trees, without the wire: scans, losses, gusts, errors and contacts",
     )
-    yield row("`agents`", "the whole stack in lockstep (agents, codec, radio, autopilots) on point masses")
+    yield row("`agents`", "the whole stack in lockstep (agents, codec, radio, autopilots) on point masses in still air")
     yield row("`jsbsim`", "the same on JSBSim quadrotors: what `sim-bridge fly` flies")
     yield row(
         "`estimator`",

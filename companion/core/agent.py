@@ -63,7 +63,7 @@ class Agent:
         self.perception = build_perception(mission, vehicle_id, is_odometry=self.localiser.may_lose_position)
         self.own_position = OwnPosition(self.localiser, self.perception)
         self.rise, self.sensors = build_rise(mission, self.perception), ObstacleSensorMonitor(self.perception.stale_s)
-        self._lane_ends = 2 * len(mission.lanes)  # visits, before all others
+        self._lane_ends, self._visits = 2 * len(mission.lanes), len(mission.visits)  # lanes' ends come first
         self.disturbances = build_disturbance_observer(mission)
         self.safety_filter = stages.build_safety_filter(mission)
         self._climb_room, self._landing_room = ClimbRoom(mission), LandingRoom(mission)
@@ -382,7 +382,7 @@ class Agent:
             governor=orders.governor,
             lease_freshness=orders.lease_freshness,
             goal=None if goal is None else goal.resolve(localiser.offset_ned_m),
-            goal_moves=localiser.may_lose_position or self._lane_ends > 0,
+            goal_moves=localiser.may_lose_position or self._visits > 1,
             dest_ned_m=None if orders.stop < self._lane_ends else localiser.destination.ned_m,
             size=orders.size,
             layer_m=orders.layer_m,

@@ -39,6 +39,7 @@ from mission.schema.sim import (
 )
 from mission.schema.tables import (
     RANGE_MAX_M,
+    VEHICLE_RADIUS_M,
     AtEnd,
     Coverage,
     CoverageShape,
@@ -62,6 +63,7 @@ from mission.schema.tables import (
 __all__ = [
     "MAX_TREES",
     "RANGE_MAX_M",
+    "VEHICLE_RADIUS_M",
     "AtEnd",
     "Box",
     "Coverage",
@@ -131,6 +133,11 @@ class Mission(MissionTables):
         """A stand grows on the way, or boxes stand there, and vehicles do not see it: a forest without `[sensing]`."""
         forest = self.forest
         return self.sensing is None and (forest.stand is not None or forest.file is not None or bool(forest.boxes))
+
+    @property
+    def vehicle_radius_m(self) -> float:
+        """From a vehicle's centre to the tips of its propellers: how near it comes to what it touches."""
+        return VEHICLE_RADIUS_M if self.sensing is None else self.sensing.vehicle_radius_m
 
     @property
     def placement_radius_m(self) -> float:

@@ -34,6 +34,7 @@ from mission.schema.payload import PAYLOADS_MAX, Payload
 from mission.schema.sim import Sim
 
 RANGE_MAX_M = 6_500.0  # SWARM_BEACON.range_dm is a uint16
+VEHICLE_RADIUS_M = 0.35  # half the 0.70 m from propeller tip to propeller tip along an arm of the F450
 MAX_STOPS = 20
 MAX_LANES = 15  # each is two visits, and their number takes five bits of a beacon
 FENCE_SLACK_M = 5.0  # overshoot and gusts, and room to brake before the fence
@@ -421,7 +422,7 @@ class Sensing(Table):
     ] = 360.0
     vehicle_radius_m: Annotated[
         Number, Field(gt=0.0, le=5.0, description="From a vehicle's centre to the tips of its propellers.")
-    ] = 0.35
+    ] = VEHICLE_RADIUS_M
     margin_m: Annotated[
         Number, Field(ge=0.0, le=10.0, description="What is kept beyond vehicle_radius_m from all that was seen.")
     ] = 0.3

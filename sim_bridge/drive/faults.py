@@ -107,7 +107,9 @@ class Faults:
         self._phases_s: dict[str, float] = {}  # when each began
 
     def add(self, fault: Fault) -> None:
-        """One more that waits for its time."""
+        """One more that waits for its time. ValueError for one that can strike none of its vehicles."""
+        if fault.vehicles is not None and self._immune.get(fault.kind, frozenset()).issuperset(fault.vehicles):
+            raise ValueError(f"{spelled(fault)}: can strike none of these")
         self._waiting.append(fault)
 
     def advance(
@@ -207,10 +209,11 @@ def _needs_no_companion(kind: FaultKind) -> bool:
     return FORMS[kind].of_vehicle or kind is FaultKind.RESTART
 
 
-def immune_of(mission: Mission) -> dict[FaultKind, frozenset[int]]:
-    """Vehicles that kinds of faults cannot strike: those without GNSS, by any of GNSS."""
+def immune_of(mission: Mission, *, still_air: bool = False) -> dict[FaultKind, frozenset[int]]:
+    """Vehicles that kinds of faults cannot strike: those without GNSS, by any of GNSS; in still air all, by wind."""
     without = frozenset(k for k in range(1, mission.swarm.size + 1) if not mission.has_satellites(k))
-    return {kind: without for kind, form in FORMS.items() if form.needs is Needs.SATELLITES}
+    immune = {kind: without for kind, form in FORMS.items() if form.needs is Needs.SATELLITES}
+    return immune | {FaultKind.WIND: frozenset(range(1, mission.swarm.size + 1))} if still_air else immune
 
 
 def keep_faults(faults: Faults, now_s: float, folder: Path, progress: Progress) -> None:

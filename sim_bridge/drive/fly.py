@@ -83,11 +83,12 @@ class Flight:
         self.observer = Observer(mission, world.vehicles, folder, world.stand)
         self._recording = folder is not None
         self._live = live
-        self.faults = Faults(mission.sim.faults, immune_of(mission))
+        self.faults = Faults(mission.sim.faults, immune_of(mission, still_air=world.still_air))
         self._operator = Operator(mission)
         self._lost: set[int] = set()
         self._full: frozenset[int] = frozenset()  # companions' disks
         self._ended: str | None = None  # why the flight is over, though records may still be on their way
+        self.end_s: float | None = None  # when it was over, or was found not to be last
         self._unrecorded_s: float | None = None  # when the tick began that is still to be recorded
 
     @property
@@ -144,7 +145,7 @@ class Flight:
     def finished(self) -> str | None:
         """The reason why the flight is over, or None: before that, records on their way may arrive."""
         if self._ended is None:
-            self._ended = self.observer.finished(self.last)
+            self._ended, self.end_s = self.observer.finished(self.last), self.last.time_s
         if self._ended is None or self.harvest is None or not self.lockstep.answering:
             return self._ended
         return self._ended if self.harvest.has_all(self.world.now_s) else None
@@ -165,10 +166,11 @@ class Flight:
     def intervene(self, fault: Mapping[str, Any]) -> None:
         """Let a fault begin with the next tick; `fault`: as in [[sim.faults]], without a time.
 
-        MissionError for one that this mission cannot have. A mission with the same fault at that time flies the same.
+        MissionError: this mission cannot have it; ValueError: it strikes nobody. A mission that has it flies the same.
         """
-        self.mission = self.mission.with_faults([{**fault, "at_s": self.world.now_s}], place="the map")
-        self.faults.add(self.mission.sim.faults[-1])
+        mission = self.mission.with_faults([{**fault, "at_s": self.world.now_s}], place="the map")
+        self.faults.add(mission.sim.faults[-1])
+        self.mission = mission
 
     def close(self) -> None:
         """End the companions, record what is left and close the logs."""
@@ -307,8 +309,7 @@ def fly(
         flight = Flight(mission, companions, world, folder, live, start, harvest, keyholder)
         flight.lockstep.insiders.sign_with({} if keys is None else keys.sessions)
         stack.callback(flight.close)
-        for error in lost_early:
-            flight.lockstep.lost[error.vehicle_id] = error.why
+        flight.lockstep.lost.update({error.vehicle_id: error.why for error in lost_early})
         flight.tell_lost(0.0)
         began_flying_s = time.perf_counter()
         stack.callback(collect_less())
@@ -319,7 +320,7 @@ def fly(
         flown_s = time.perf_counter() - began_flying_s
         lost = [world.radio.missed_share(k) for k in world.vehicles]
         records = {**flight.tell_records(), BEACONS_LOST: [None if one is None else round(one, 4) for one in lost]}
-        stems = None if harvest is None else measure_stems(harvest.own_records(), mission, stand)
+        own_records = {} if harvest is None else harvest.own_records()
     if forks is not None and forks.failure is not None:
         flight.observer.tell_once(flight.world.now_s, loss(0, forks.failure))
     flight.show_events(progress)  # what happened since the last tick
@@ -330,8 +331,9 @@ def fly(
             run_folder.keep_file(folder / MISSION_NAME, flown, partial(progress.event, flight.world.now_s))
     no_more_interrupts()  # what follows is what a flight is flown for
     with progress.working("measuring the flight"):
+        recording = flight.recorder.recording()
         return conclude(
-            flight.recorder.recording(),
+            recording,
             flight.mission,
             folder,
             ended,
@@ -339,9 +341,10 @@ def fly(
             wall_s=time.perf_counter() - started_s,
             trace_hash=flight.trace.hexdigest(),
             faults=flight.faults.happened,
+            end_s=flight.end_s,
             stand=stand,
             estimates=flight.estimates.figures(),
-            stems=stems,
+            stems=measure_stems(own_records, recording, mission, stand),
             entrant=entrant.figures(),
             records=records,
         )

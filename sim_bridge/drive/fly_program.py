@@ -114,6 +114,10 @@ def _mission(args: argparse.Namespace, external: ExternalAutopilots | None) -> t
     mission = with_options(mission, {kind: getattr(args, kind.value) for kind in FaultKind})
     if external is None:
         simulator.check(mission, str(args.mission))
+        if args.airframe == POINT_MASS and any(fault.kind is FaultKind.WIND for fault in mission.sim.faults):
+            raise StartError(
+                "--airframe point-mass: flies in still air, and the mission has a wind fault", EXIT_BAD_FILE
+            )
         if args.signed and any(fault.kind is FaultKind.INSIDER for fault in mission.sim.faults):
             _fly_in_process(args, "--signed, with an insider", "what lies for a process has not its keys")
     else:
@@ -139,7 +143,9 @@ def _announce(
         if args.open and not page.show(map_.urls[0]):
             progress.event(0.0, "no display here: open the address in a browser that reaches this computer")
     if args.airframe == POINT_MASS:
-        progress.event(0.0, "point masses: no flight dynamics, still air")
+        blows = any(mission.sim.wind_mps) or mission.sim.turbulence_mps
+        unflown = ", whatever sim.wind_mps and sim.turbulence_mps say" if blows else ""
+        progress.event(0.0, f"point masses: no flight dynamics, still air{unflown}")
     for note in find_short_batteries(mission) if args.autopilots is None else ():
         progress.event(0.0, note)
     if mission.flies_blind:

@@ -7,9 +7,7 @@ from types import MappingProxyType
 
 from sim_bridge.drive.links.transmitter import Transmitter
 from sim_bridge.judge.tick import Tick
-from sim_bridge.world.airframe.base import Airframe
-from sim_bridge.world.autopilot.estimates.odometry import Odometer
-from sim_bridge.world.world import World
+from sim_bridge.world.world import Vehicle, World
 
 
 def world_tick(
@@ -42,10 +40,10 @@ def world_tick(
         said_s=dict(transmitter.said_s),
         frames=frames,
         words=dict(transmitter.words),
-        north_off_rad=tuple([_north_off_rad(vehicle.believed) for vehicle in world.vehicles.values()]),
+        north_off_rad=tuple([_north_off_rad(vehicle) for vehicle in world.vehicles.values()]),
         asked_ned_mps=tuple([autopilot.asked_ned_mps for autopilot in autopilots]),
     )
 
 
-def _north_off_rad(believed: Airframe) -> float:
-    return believed.north_off_rad if isinstance(believed, Odometer) else 0.0
+def _north_off_rad(vehicle: Vehicle) -> float:
+    return 0.0 if vehicle.odometry is None else vehicle.odometry.north_off_rad

@@ -62,13 +62,13 @@ def conclude(
 ) -> Outcome:
     """Measure the flight, and save figures and recording into its run folder, where it has one.
 
-    `faults`, `end_s`: as for `verdict.judge`; `stand`: as for `measure`; `estimates`: of the vehicles, where recorded;
+    `faults`, `end_s`, `stand`: as for `measure`; `estimates`: of the vehicles, where recorded;
     `stems`: of a survey, `records`: made and delivered by it.
     `entrant`: what flew in place of ours, by the keys that metrics.json has of it. A verdict says so, and whether it
     rests on the estimates of external autopilots.
     What cannot be written (disk full) is named in the outcome.
     """
-    metrics = measure(recording, mission, stand, faults)
+    metrics = measure(recording, mission, stand, faults, end_s)
     verdict = judge(metrics, mission, ended, faults=faults, end_s=end_s)
     by = estimates.positions_by_estimates if isinstance(estimates, ErrorFigures) else ""
     summary = {
@@ -78,6 +78,7 @@ def conclude(
         **records,
         "seed": mission.sim.seed,
         "ended": ended,
+        run_folder.END_S: metrics.sim_time_s if end_s is None else end_s,
         "verdict": with_notes(verdict.text, by, entrant.get(run_folder.FLOWN_BY, "")),
         **entrant,
         "grade": verdict.grade.value,

@@ -21,7 +21,7 @@ from companion.core.model.states import SwarmPhase
 from mission.cli.main import EXIT_BAD_FILE
 from mission.common.problems import printable
 from mission.schema.fault_kinds import FORMS, PARAMETERS
-from mission.schema.faults import FaultKind
+from mission.schema.faults import FaultKind, Lie
 from sim_bridge.errors import StartError
 from sim_bridge.judge.fault_events import FILE_NAME as FAULTS_NAME
 from sim_bridge.judge.fault_events import FaultEvent
@@ -36,6 +36,7 @@ STAND_FOLDER = "stand"  # of a flight that surveyed: what `companion stand` make
 STAND_REPORT = f"{STAND_FOLDER}/report.html"
 BEACONS_LOST = "beacons_lost"  # its key for the share of beacons that each vehicle lost
 FLOWN_BY = "flown_by"  # its key for what flew in place of ours
+END_S = "end_s"  # its key for when the mission was over; what was recorded then may be more
 BYTES_MAX = 2**30  # unpacked: 50 vehicles for 80 minutes
 LARGEST = 1e7  # m, m/s, s: beyond, it is no flight of ours
 ENDED_MAX_CHARS = 1000  # "all landed but" 249 ids
@@ -177,6 +178,7 @@ class End:
     mission_sha256: str | None  # of mission.toml as flown
     by_estimates: str = ""  # what of its positions external autopilots believed, and no simulator told
     flown_by: str = ""  # what was not ours
+    end_s: float | None = None  # None: with its recording
 
 
 def load_end(folder: Path) -> End | None:
@@ -193,8 +195,9 @@ def load_end(folder: Path) -> End | None:
         for key, value in texts.items():
             if not isinstance(value, str):
                 raise ValueError(f"{key} = {_shown(value)}: must be text")
-        notes = [printable(note, ENDED_MAX_CHARS) for note in (by_estimates, flown_by)]
-        return End(printable(ended, ENDED_MAX_CHARS), sha256, *notes)
+        believed, flew = [printable(note, ENDED_MAX_CHARS) for note in (by_estimates, flown_by)]
+        end_s = _number_or_none({END_S: figures.get(END_S)}, END_S)  # older files have none
+        return End(printable(ended, ENDED_MAX_CHARS), sha256, believed, flew, end_s)
     except ValueError as error:
         raise RunFolderError(f"{path}: must be the figures of a flight: {error}") from None
 
@@ -243,7 +246,12 @@ def _event(row: Any, place: str, n: int | None) -> FaultEvent:
     at_s, until_s = (_number_or_none(row, key, place) for key in ("at_s", "until_s"))
     assert at_s is not None
     parameters = {name: _parameter(row, name, place) for name in FORMS[kind].parameters}
-    return FaultEvent(FaultKind(kind), tuple(vehicles), at_s, until_s, asked, **parameters)
+    lie = row.get("lie")  # older files have none
+    if lie is not None and lie not in list(Lie):
+        raise ValueError(f"{place}.lie = {_shown(lie)}: must be one of {', '.join(Lie)}, or null")
+    return FaultEvent(
+        FaultKind(kind), tuple(vehicles), at_s, until_s, asked, lie=None if lie is None else Lie(lie), **parameters
+    )
 
 
 def _parameter(row: Any, name: str, place: str) -> Any:
@@ -265,12 +273,13 @@ def _is_id(value: Any, n: int | None) -> bool:
     return type(value) is int and value >= 1 and (n is None or value <= n)
 
 
-def _number_or_none(row: dict[str, Any], key: str, place: str) -> float | None:
+def _number_or_none(row: dict[str, Any], key: str, place: str = "") -> float | None:
     value = _get(row, key, place)
     if value is None:
         return None
     if type(value) not in (int, float) or not abs(value) <= LARGEST:  # false for NaN
-        raise ValueError(f"{place}.{key} = {_shown(value)}: must be a number, at most {LARGEST:g}, or null")
+        name = f"{place}.{key}".lstrip(".")
+        raise ValueError(f"{name} = {_shown(value)}: must be a number, at most {LARGEST:g}, or null")
     return float(value)
 
 

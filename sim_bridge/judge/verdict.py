@@ -8,10 +8,10 @@ ARRIVED asserts all of these:
   off the truth: each keeps its distance by what they report), nobody more than 1 m outside of the fence, and never two
   acting leaders in one connected part for more than 2 s.
 - Coverage was formed when its time was over, unless coverage.duration_s = 0: over the last 5 s of the phase no vehicle
-  was further off the ring or sphere than a covering vehicle is (`coverage_radius_error_m`), and the gap was at most 1.5
-  times the ideal: one that is missing makes it 2 on a ring.
-- Where the mission lands, every vehicle is on the ground in the right place and disarmed; and nowhere has one landed
-  before the phase LAND, as those do that are left without a majority.
+  was further off the ring or sphere than a covering vehicle is (`coverage_radius_error_m`), the gap was at most 1.5
+  times the ideal, and none whose companion answers was on the ground (`uncovering`).
+- Where the mission lands, every vehicle is on the ground in the right place and disarmed; and nowhere has one come
+  down for good before it announced the phase LAND, as those do that are left without a majority (`landed_early`).
 - No vehicle was lost: at the end every companion answers (and every external autopilot), and no vehicle has run into
   anything. One that a fault of the mission killed on purpose, or stopped to the end, is the exception: if everything
   else holds for the others, the flight is ARRIVED without it, by name, and succeeded.
@@ -21,11 +21,14 @@ Else the flight is the worst of three, and says all that does not hold:
 - UNSAFE: a contact, separation, the fence, two leaders.
 - INCOMPLETE: it stayed safe, and did not do what the mission asks, though it could have.
 - DEGRADED: the same, and faults explain it: only vehicles that a fault struck, or that sim.battery_mah gives less than
-  2000 mAh, stayed behind, landed early or are missing on the ring or sphere; or a fault was in force in the last 30 s;
-  or faults left no majority of the swarm, and then all land, as the failsafe table asks; or, where not all have
-  satellites, faults took for good the position of each that has, and nobody knows the way; or a member has lied: what
-  the others did by its word need not be undone. A radio without keys, and a base station that is not heard, explain
-  nothing: they are to change nothing.
+  2000 mAh, stayed behind, landed early, are up at the end or missing on the ring or sphere; or a fault was in force in
+  the last 30 s (kill, motor, pilot and disk-full, past which the others go on: began then); or faults left no majority
+  of the swarm at one time, and then all land, as the failsafe table asks; or, where not all have satellites, faults
+  took for good the position of each that has, and nobody knows the way. A member's lie counts as in force for as long
+  again as it lasted; what came down after one need not go up again, nor need a tree be covered that was left out. A
+  radio without keys, and a base station that is not heard, explain nothing: they are to change nothing.
+
+Where only such vehicles are missing at d2, coverage, landing and end are asked of the others as ever.
 """
 
 from __future__ import annotations
@@ -44,10 +47,11 @@ from sim_bridge.judge.metrics.arrival import estimates_tolerance_m
 
 SEPARATION_TOLERANCE_M = 0.1  # the safety filter commands velocities: an airframe follows them to centimetres
 FENCE_TOLERANCE_M = 1.0  # what an autopilot's estimate of its position may be wrong by
-UNHEARD_S = 5.0  # after two hear each other again, until they may be asked to keep their distance
+UNHEARD_S = 5.0  # after two hear each other again, until they may be asked to keep their distance, and count each other
 LEADERS_TOGETHER_S = 2.0  # until two that come into reach have heard each other, over some links that lose beacons
 HARMLESS = (FaultKind.OUTSIDER, FaultKind.BASE_LOST)  # no vehicle is to fly otherwise for them
-LOSSES = (FaultKind.KILL, FaultKind.MOTOR, FaultKind.DISK_FULL)  # nothing mends them, and the others go on
+# Nothing mends these, and the others go on
+LOSSES = (FaultKind.KILL, FaultKind.MOTOR, FaultKind.PILOT, FaultKind.DISK_FULL)
 # What takes a position of satellites away for good, or the vehicle that has it: doubted, it is given up. From an outage
 # and from a jump a vehicle recovers
 TAKES_POSITION = (
@@ -114,12 +118,12 @@ def judge(
     metrics: Metrics, mission: Mission, ended: str, *, faults: Sequence[FaultEvent] = (), end_s: float | None = None
 ) -> Verdict:
     """`ended`: why the flight was over, at `end_s` (None: with its recording); `faults`: those that happened."""
-    struck = _struck(faults, mission, metrics.n, metrics.sim_time_s if end_s is None else end_s)
+    struck = _struck(metrics, faults, mission, ended, metrics.sim_time_s if end_s is None else end_s)
     excused = set(metrics.lost) & struck.silenced
-    problems = [*_way(metrics, mission, ended, struck), *_dangers(metrics, mission, faults)]
-    if metrics.arrived:
-        problems += _coverage(metrics, mission, struck)
-    problems += _landing(metrics, mission, excused, struck)
+    left = (set(metrics.aloft) | set(metrics.armed)) - excused if _lands(mission) else set()
+    problems = [*_way(metrics, mission, ended, left, struck), *_dangers(metrics, mission, faults)]
+    if _came(metrics, struck):
+        problems += [*_coverage(metrics, mission, struck), *_landing(metrics, mission, excused, left, struck)]
     unwanted = set(metrics.lost) - excused
     if unwanted:
         problems.append(_Problem("lost", f"lost {_vehicles(unwanted)}", Grade.INCOMPLETE))
@@ -129,8 +133,8 @@ def judge(
         grade = problems[0].grade
         text = f"{grade}{without}: {'; '.join([problem.text for problem in problems])}"
         return Verdict(grade, text, tuple(dict.fromkeys([problem.cause for problem in problems])))
-    left = set(metrics.lost) & (set(metrics.aloft) | set(metrics.armed)) if _lands(mission) else set()
-    return Verdict(Grade.ARRIVED, f"ARRIVED{without}{f' ({_still(metrics, left)})' if left else ''}")
+    hang = excused & (set(metrics.aloft) | set(metrics.armed)) if _lands(mission) else set()
+    return Verdict(Grade.ARRIVED, f"ARRIVED{without}{f' ({_still(metrics, hang)})' if hang else ''}")
 
 
 def with_notes(text: str, *notes: str) -> str:
@@ -147,22 +151,20 @@ class _Struck:
 
     silenced: frozenset[int]  # their companions were killed, or are stopped at the end
     vehicles: frozenset[int]  # struck by any fault, cut off on the lesser side, or with a small battery
-    lasting: bool  # a fault was in force in the last RECOVERY_S
-    no_majority: bool
-    no_satellites: bool  # left, where not all vehicles have them
+    lied: bool  # a member has, at any time
+    all_excused: bool  # by what befell the whole swarm
+
+    def explain(self, vehicles: Collection[int]) -> bool:
+        """They alone are missing, and were struck."""
+        return bool(vehicles) and self.vehicles.issuperset(vehicles)
 
     def excuses(self, vehicles: Collection[int] = ()) -> Grade:
         """Grade of what did not hold of these vehicles; empty: of the swarm."""
-        excused = (
-            self.lasting
-            or self.no_majority
-            or self.no_satellites
-            or (bool(vehicles) and self.vehicles.issuperset(vehicles))
-        )
-        return Grade.DEGRADED if excused else Grade.INCOMPLETE
+        return Grade.DEGRADED if self.all_excused or self.explain(vehicles) else Grade.INCOMPLETE
 
 
-def _struck(faults: Sequence[FaultEvent], mission: Mission, n: int, end_s: float) -> _Struck:
+def _struck(metrics: Metrics, faults: Sequence[FaultEvent], mission: Mission, ended: str, end_s: float) -> _Struck:
+    n = metrics.n
     faults = [fault for fault in faults if fault.kind not in HARMLESS]
     struck = {k for k, capacity_mah in mission.sim.battery_mah.items() if capacity_mah < SMALL_BATTERY_MAH}
     struck |= {k for fault in faults for k in fault.vehicles if fault.kind is not FaultKind.PARTITION}
@@ -170,32 +172,63 @@ def _struck(faults: Sequence[FaultEvent], mission: Mission, n: int, end_s: float
         if fault.kind is FaultKind.PARTITION:
             others = frozenset(range(1, n + 1)).difference(fault.vehicles)
             struck |= min(set(fault.vehicles), others, key=len) if 2 * len(others) != n else others | {*fault.vehicles}
+    # Who has come down stays there, though the lie that brought it down is over
+    lied = any(fault.kind is FaultKind.INSIDER for fault in faults)
+    struck |= set(metrics.landed_early) if lied else set()
+    brought_down = lied and ended.startswith(LANDED) and not (metrics.arrived and _lands(mission))
     lasting = any(_over_s(fault) > end_s - RECOVERY_S for fault in faults)
-    silent = {k for fault in faults if fault.kind in (*SILENCING, FaultKind.MOTOR) for k in fault.vehicles}
     without = mission.without_satellites.union(*[fault.vehicles for fault in faults if fault.kind in TAKES_POSITION])
     no_satellites = mission.flies_by_ranges and without.issuperset(range(1, n + 1))
-    return _Struck(silenced(faults, end_s), frozenset(struck), lasting, 2 * (n - len(silent)) <= n, no_satellites)
+    all_excused = brought_down or lasting or no_satellites or not _kept_majority(faults, n)
+    return _Struck(silenced(faults, end_s), frozenset(struck), lied, all_excused)
+
+
+def _kept_majority(faults: Sequence[FaultEvent], n: int) -> bool:
+    """More than half of the swarm could decide at any time."""
+    silencing = [fault for fault in faults if fault.kind in (*SILENCING, FaultKind.MOTOR)]
+    for now_s in [fault.at_s for fault in silencing]:
+        silent = {
+            k
+            for fault in silencing
+            if fault.at_s <= now_s and (fault.until_s is None or now_s <= fault.until_s + UNHEARD_S)
+            for k in fault.vehicles
+        }
+        if 2 * (n - len(silent)) <= n:
+            return False
+    return True
 
 
 def _over_s(fault: FaultEvent) -> float:
-    """Time from which the swarm may begin to recover: from a loss it does at once, from a member's lies it need not."""
+    """Time from which the swarm may begin to recover: from a loss it does at once."""
     if fault.kind in LOSSES:
         return fault.at_s
-    return math.inf if fault.until_s is None or fault.kind is FaultKind.INSIDER else fault.until_s
+    if fault.until_s is None:
+        return math.inf
+    if fault.kind is FaultKind.INSIDER:  # who was led astray needs as long to come back
+        return 2.0 * fault.until_s - fault.at_s
+    return fault.until_s
 
 
-def _way(metrics: Metrics, mission: Mission, ended: str, struck: _Struck) -> Iterator[_Problem]:
+def _came(metrics: Metrics, struck: _Struck) -> bool:
+    """All came to d2 but those that were struck: from the others the rest of the mission is asked."""
+    return metrics.arrived or struck.explain(set(metrics.absent) - set(metrics.lost))
+
+
+def _way(metrics: Metrics, mission: Mission, ended: str, left: Collection[int], struck: _Struck) -> Iterator[_Problem]:
+    wrong_end = _came(metrics, struck) and not ended.startswith(LANDED if _lands(mission) else COVERED)
     if not metrics.arrived:
         absent = set(metrics.absent) - set(metrics.lost)
         who = f": {_vehicles(absent)} never came to d2" if absent else ""
-        yield _Problem("not arrived", f"not all arrived{who} ({ended})", struck.excuses(absent))
-    elif not _lands(mission) and ended.startswith(LANDED):
+        why = "" if wrong_end else f" ({ended})"
+        yield _Problem("not arrived", f"not all arrived{who}{why}", struck.excuses(absent))
+    if wrong_end and ended.startswith(LANDED):
         yield _Problem("landed early", f"{ended}, where the mission holds", struck.excuses(metrics.landed_early))
         return
-    elif not ended.startswith(LANDED if _lands(mission) else COVERED):
-        yield _Problem("unfinished", ended, struck.excuses())
+    if wrong_end:
+        yield _Problem("unfinished", ended, struck.excuses(left))
     if metrics.visited < len(mission.visits) and mission.route.stops:
-        yield _Problem("unfinished", f"covered {metrics.visited} of {len(mission.visits)} trees", struck.excuses())
+        grade = Grade.DEGRADED if struck.lied else struck.excuses()  # what it was told that all have done is left out
+        yield _Problem("unfinished", f"covered {metrics.visited} of {len(mission.visits)} trees", grade)
     if metrics.landed_early:
         early = f"{_vehicles(metrics.landed_early)} landed before the mission's end"
         yield _Problem("landed early", early, struck.excuses(metrics.landed_early))
@@ -281,13 +314,17 @@ def _unformed(metrics: Metrics, mission: Mission) -> str:
         return f"coverage not formed: up to {error_m:.1f} m off the {shape}: must be within {within_m:g} m"
     if gap_deg > FORMED_RATIO * ideal_deg:
         return f"coverage not formed: gap {gap_deg:.0f} deg: must be at most {FORMED_RATIO:g} x {ideal_deg:.0f}"
+    down = set(metrics.uncovering) - set(metrics.landed_early)  # the others of a large ring leave hardly a gap
+    if down:
+        return f"coverage not formed: {_vehicles(down)} did not cover"
     return ""
 
 
-def _landing(metrics: Metrics, mission: Mission, excused: set[int], struck: _Struck) -> Iterator[_Problem]:
-    if not _lands(mission) or not metrics.arrived:
+def _landing(
+    metrics: Metrics, mission: Mission, excused: set[int], left: Collection[int], struck: _Struck
+) -> Iterator[_Problem]:
+    if not _lands(mission):
         return
-    left = (set(metrics.aloft) | set(metrics.armed)) - excused
     if left:
         yield _Problem("landing", _still(metrics, left), struck.excuses(left))
     strayed = set(metrics.strayed) - excused - set(metrics.landed_early)

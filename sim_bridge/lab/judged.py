@@ -62,7 +62,8 @@ def judged(folder: Path) -> Judged:
     if (folder / page.PAGE_NAME).is_dir():
         raise run_folder.RunFolderError(f"{folder / page.PAGE_NAME}: is a folder: must be a file, or nothing")
     stand = stand_of(mission, folder)
-    metrics = measure(recording, mission, stand, faults)
+    end_s = None if end is None else end.end_s
+    metrics = measure(recording, mission, stand, faults, end_s)
     figures = metrics.as_dict()
     verdict = Verdict(None, None)
     if end is None:
@@ -72,7 +73,7 @@ def judged(folder: Path) -> Judged:
     else:
         if end.mission_sha256 not in (None, run_folder.mission_sha256((folder / MISSION_NAME).read_bytes())):
             _note(f"{folder / MISSION_NAME}: was changed after the flight: what follows is by what it says now")
-        found = judge(metrics, mission, end.ended, faults=faults)
+        found = judge(metrics, mission, end.ended, faults=faults, end_s=end_s)
         text = with_notes(found.text, end.by_estimates, end.flown_by)
         verdict = Verdict(text, found.succeeded, end.ended)
         figures |= {"ended": end.ended, "verdict": text, "grade": found.grade.value, "causes": list(found.causes)}

@@ -17,7 +17,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--backend",
         choices=("jsbsim", "point-mass"),
         default="jsbsim",
-        help="what the autopilots fly (default: jsbsim)",
+        help="what the autopilots fly (default: jsbsim); point masses fly in still air, whatever the missions say",
     )
     parser.add_argument(
         "--law",

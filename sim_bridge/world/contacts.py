@@ -9,10 +9,9 @@ from enum import StrEnum
 from typing import Final
 
 from mission.common.frames import Vec3
+from mission.document.model import VEHICLE_RADIUS_M
 from mission.stand.stand import Stand, StandBox
 
-REACH_M: Final = 0.35  # half the 0.70 m from propeller tip to propeller tip along an arm of the F450
-HULLS_M: Final = 2.0 * REACH_M  # between the centres of two vehicles that touch
 CELL_M: Final = 2.0
 WAY_M: Final = 1.0  # of one step: 20 m/s
 HARD_LEVEL_MPS: Final = 1.0  # landing, a vehicle drifts less; faster its legs catch, and it turns over
@@ -42,12 +41,12 @@ class _Was:
 class Contacts:
     """Looks at each vehicle at every step, along the way that it has come since.
 
-    A trunk or a box is touched by a vehicle nearer than REACH_M to its surface and not above its top. A
+    A trunk or a box is touched by a vehicle nearer than `reach_m` to its surface and not above its top. A
     crown, an upright cylinder, when its centre is inside: the propellers are among twigs then. The ground by one that
     comes down on it faster than a landing. Undergrowth is not: propellers cut through it, or the vehicle stands in it.
     """
 
-    def __init__(self, stand: Stand, *, reach_m: float = REACH_M, ground: bool = True) -> None:
+    def __init__(self, stand: Stand, *, reach_m: float = VEHICLE_RADIUS_M, ground: bool = True) -> None:
         """`ground`: whether a hard touch of the ground counts."""
         self._stand = stand
         self._reach_m = reach_m
@@ -59,14 +58,30 @@ class Contacts:
         self._cells: dict[tuple[int, int], list[Tree]] = {}  # what can be touched from each place visited
         self._was: dict[int, _Was] = {}
 
-    def find_contact(self, vehicle_id: int, pos_ned_m: Vec3, vel_ned_mps: Vec3, *, on_ground: bool) -> Touched | None:
-        """Contact of this vehicle now, or has touched on its way here since the last look."""
+    def find_contact(
+        self,
+        vehicle_id: int,
+        pos_ned_m: Vec3,
+        vel_ned_mps: Vec3,
+        *,
+        on_ground: bool,
+        hit_ned_mps: Vec3 | None = None,
+    ) -> Touched | None:
+        """Contact of this vehicle now, or has touched on its way here since the last look.
+
+        `hit_ned_mps`: its velocity when it met the ground since then, where that is known: it may have bounced.
+        """
         now = _Was(pos_ned_m, vel_ned_mps, on_ground)
         before = self._was.get(vehicle_id, now)
         self._was[vehicle_id] = now
+        down_mps = 0.0 if hit_ned_mps is None else hit_ned_mps[2]
+        if on_ground or down_mps > 0.0:
+            level_mps = math.hypot(*before.vel_ned_mps[:2])
+            hard = level_mps > HARD_LEVEL_MPS or max(before.vel_ned_mps[2], down_mps) > HARD_DOWN_MPS
+            if self._ground and hard and not before.on_ground:
+                return Touched.GROUND
         if on_ground:
-            hard = math.hypot(*before.vel_ned_mps[:2]) > HARD_LEVEL_MPS or before.vel_ned_mps[2] > HARD_DOWN_MPS
-            return Touched.GROUND if self._ground and hard and not before.on_ground else None
+            return None
         if self._boxes and self._meets_box(before.pos_ned_m, pos_ned_m):
             return Touched.BOX
         return self._among_trees(before.pos_ned_m, pos_ned_m)
@@ -136,17 +151,18 @@ def _beside_m(axis_n: float, axis_e: float, a_ned_m: Vec3, b_ned_m: Vec3) -> flo
 class Collisions:
     """Looks for vehicles that touch one another, along the straight ways that they have come since the last look."""
 
-    def __init__(self) -> None:
+    def __init__(self, reach_m: float = VEHICLE_RADIUS_M) -> None:
+        self._hulls_m = 2.0 * reach_m  # between the centres of two that touch
         self._was: dict[int, Vec3] = {}
 
     def find_touching(self, positions_ned_m: Mapping[int, Vec3]) -> set[int]:
-        """Ids of those whose centres came closer than HULLS_M to another's since they were last looked at."""
+        """Ids of those whose centres came closer than two `reach_m` to another's since they were last looked at."""
         ways = [(k, self._was.get(k, now), now) for k, now in positions_ned_m.items()]
         self._was = dict(positions_ned_m)
         found: set[int] = set()
         if len(ways) < 2:
             return found
-        limit_m = HULLS_M + 2.0 * max([math.dist(before, now) for _, before, now in ways])
+        limit_m = self._hulls_m + 2.0 * max([math.dist(before, now) for _, before, now in ways])
         ways.sort(key=_northwards)
         for index, (first, first_was, first_now) in enumerate(ways):
             for other in range(index + 1, len(ways)):
@@ -155,7 +171,7 @@ class Collisions:
                     break
                 if abs(second_now[1] - first_now[1]) > limit_m:
                     continue
-                if least_distance_m(first_was, first_now, second_was, second_now) < HULLS_M:
+                if least_distance_m(first_was, first_now, second_was, second_now) < self._hulls_m:
                     found.update((first, second))
         return found
 

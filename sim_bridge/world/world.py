@@ -16,6 +16,7 @@ from mission.schema.kinds import FaultKind
 from mission.stand.stand import Stand, stand_of
 from sim_bridge.world.airframe.base import Airframe, AirframeFactory
 from sim_bridge.world.airframe.fragile import Fragile
+from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.autopilot import CANOPY_PARAMETERS, CAPACITY, Autopilot, Link, StreamProfile, make_autopilot
 from sim_bridge.world.autopilot.estimates.aiding import Aided
 from sim_bridge.world.autopilot.estimates.errors import errors_of
@@ -47,6 +48,7 @@ class Vehicle:
     receiver: Receiver | None = None  # of satellites, where it has odometry besides
     gnss: FaultyGnss | None = None  # where it has not, and a fault strikes it
     position: FaultyPosition | None = None  # where a fault strikes what it makes of all its sensors
+    odometry: Odometer | Aided | None = None  # where it has any
 
 
 class World:
@@ -73,10 +75,12 @@ class World:
         sim = mission.sim
         self.stand = stand = stand_of(mission) if stand is None else stand
         self.touched: dict[int, Touched] = {}
+        self.still_air = False  # no wind moves point masses
         self._motor_failed: set[int] = set()
         senses = mission.sensing is not None
-        self._contacts = Contacts(stand, ground=senses) if senses or stand.has_obstacles else None
-        self._collisions = Collisions() if mission.swarm.size > 1 else None
+        reach_m = mission.vehicle_radius_m
+        self._contacts = Contacts(stand, reach_m=reach_m, ground=senses) if senses or stand.has_obstacles else None
+        self._collisions = Collisions(reach_m) if mission.swarm.size > 1 else None
         crowns = Crowns(stand) if sim.satellites.crowns is Sky.SHADE else None
         gnss_fails = any(FORMS[fault.kind].needs is Needs.SATELLITES for fault in sim.faults)
         if crowns is None and gnss_fails and mission.flies_by_ranges:
@@ -87,6 +91,7 @@ class World:
         self.vehicles: dict[int, Vehicle] = {}
         for vehicle_id, pos_ned_m in enumerate(starts_ned_m, start=1):
             body = airframe(self.frame, pos_ned_m, sim.seed * 1000 + vehicle_id)
+            self.still_air = isinstance(body, PointMass)
             if self._contacts is not None or self._collisions is not None or motor_fails:
                 body = Fragile(body, stand.ground_up_m)
             personality = sim.personality_of(vehicle_id)
@@ -99,13 +104,15 @@ class World:
             shaded: Aided | None = None
             gnss: FaultyGnss | None = None
             position: FaultyPosition | None = None
+            odometry: Odometer | Aided | None = None
             blind = not mission.has_satellites(vehicle_id)
             if blind:
-                believed: Airframe = Odometer(body, sim.odometry, seed=sim.seed, vehicle_id=vehicle_id)
+                odometry = Odometer(body, sim.odometry, seed=sim.seed, vehicle_id=vehicle_id)
+                believed: Airframe = odometry
                 presets |= odometry_parameters(personality, mission.route.d1_enu_m[2])
             elif crowns is not None:
                 receiver = Receiver(crowns, sim.satellites.crown_db_per_m, seed=sim.seed, vehicle_id=vehicle_id)
-                believed = shaded = Aided(body, receiver, sim.odometry, seed=sim.seed, vehicle_id=vehicle_id)
+                believed = shaded = odometry = Aided(body, receiver, sim.odometry, seed=sim.seed, vehicle_id=vehicle_id)
             else:
                 believed = estimated(body, errors_of(sim, vehicle_id), sim.seed, vehicle_id)
                 if lies:
@@ -124,7 +131,9 @@ class World:
                 satellites=not blind,
                 shaded=shaded,
             )
-            self.vehicles[vehicle_id] = Vehicle(vehicle_id, body, believed, autopilot, receiver, gnss, position)
+            self.vehicles[vehicle_id] = Vehicle(
+                vehicle_id, body, believed, autopilot, receiver, gnss, position, odometry
+            )
         self.radio = radio_of(mission, stand)
         self.sensors = simulated_sensors(mission, stand, list(self.vehicles))
         self._sensed: dict[int, Vec3] = {}  # where the vehicles were at the last step that was sensed
@@ -175,7 +184,13 @@ class World:
             return
         body = self.vehicles[vehicle_id].airframe
         state = body.state
-        touched = self._contacts.find_contact(vehicle_id, state.pos_ned_m, state.vel_ned_mps, on_ground=state.on_ground)
+        touched = self._contacts.find_contact(
+            vehicle_id,
+            state.pos_ned_m,
+            state.vel_ned_mps,
+            on_ground=state.on_ground,
+            hit_ned_mps=state.hit_ned_mps,
+        )
         if touched is not None:
             self._fell(vehicle_id, touched)
 

@@ -25,6 +25,7 @@ from companion.survey.surveyor import Surveyor
 from mission.document.model import Mission
 from mission.schema.check import validated
 from mission.stand.stand import stand_of
+from sim_bridge.judge import run_folder
 from sim_bridge.judge.metrics.stems import DBH_LEAST_M, MeasuredStem, match_stems
 from sim_bridge.lab.study.backends.agents import fly_stack
 from sim_bridge.options.study import positive
@@ -89,9 +90,10 @@ class Tally:
             with timed(self.cpu_s):
                 outcome = fly_stack(mission, Path(folder), on_jsbsim=True)
             held = {k: records_in(Path(folder), k) for k in range(1, mission.swarm.size + 1)}
+            recording = run_folder.load(Path(folder))
         self.flights.append(outcome.summary)
         self.flown_s += mission.swarm.size * outcome.metrics.sim_time_s
-        stems, passed = match_stems(held, stand_of(mission))
+        stems, passed = match_stems(held, recording, mission, stand_of(mission))
         self.stems += stems
         found = {(stem.tree.north_m, stem.tree.east_m) for stem in stems if stem.tree is not None}
         self.trees += [(2.0 * tree.radius_m, m, (tree.north_m, tree.east_m) in found) for tree, m in passed]

@@ -140,7 +140,7 @@ def fly(mission: Mission, *, on_jsbsim: bool) -> Survey:
         for tree in stand.trees
         if 2.0 * tree.radius_m >= DBH_LEAST_M and clearance_m((tree.east_m, tree.north_m), area) > 0.0
     ]
-    stems, _ = match_stems(held, stand)
+    stems, _ = match_stems(held, recording, mission, stand)
     found = {(stem.tree.east_m, stem.tree.north_m) for stem in stems if stem.tree is not None}
     off_m = [s.observation.dbh_m - 2.0 * s.tree.radius_m for s in stems if s.tree in trees]
     passed_s = passes_s(recording, mission)

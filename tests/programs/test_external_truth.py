@@ -24,6 +24,8 @@ from sim_bridge.drive.external.sensors import Sensors
 from sim_bridge.drive.links.router import Url, Way, open_sockets
 from sim_bridge.judge.outcome import conclude
 from sim_bridge.lab.judged import judged
+from sim_bridge.world.airframe.state import AirframeState
+from sim_bridge.world.sensors.simulated import ModelSensor
 
 PX4, ARDUPILOT = mav.MAV_AUTOPILOT_PX4, mav.MAV_AUTOPILOT_ARDUPILOTMEGA
 # Estimated 0.75 m west of the trunk's middle; in truth 0.5 m nearer: hull and trunk (0.35 + 0.2 m) touch.
@@ -62,19 +64,20 @@ class StandIns:
     there: dict[int, socket.socket]
     asked: dict[int, set[int]]
 
-    def tell(self, make: int, truth: tuple[int, ...]) -> None:
-        """Everything once; the simulators of those in `truth` also where they are."""
+    def tell(self, make: int, truth: tuple[int, ...], *, north_mps: int = 0, yaw_radps: float = 0.0) -> None:
+        """Everything once; the simulators of those in `truth` also where they are. As all move: whole m/s, rad/s."""
         frame = LocalFrame(self.mission.origin.wgs84)  # type: ignore[union-attr]
         for k, bound in self.there.items():
             north_m, east_m, down_m = ESTIMATED[k - 1]
             messages = [
                 mav.MAVLink_heartbeat_message(2, make, mav.MAV_MODE_FLAG_SAFETY_ARMED, 0, 4, 3),
-                position(frame.to_wgs84((north_m, east_m, down_m))),
-                mav.MAVLink_attitude_message(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+                position(frame.to_wgs84((north_m, east_m, down_m)), north_mps),
+                mav.MAVLink_attitude_message(0, 0.0, 0.0, 0.0, 0.0, 0.0, yaw_radps),
                 mav.MAVLink_extended_sys_state_message(0, 2),
             ]
             if k in truth:
-                messages.append(simulated(make, frame.to_wgs84((north_m, east_m + OFF_M, down_m))))
+                place = frame.to_wgs84((north_m, east_m + OFF_M, down_m))
+                messages.append(simulated(make, place, north_mps, yaw_radps))
             for m in messages:
                 bound.send(wire.pack(m, seq=0, system=k, component=1))
         self.autopilots.listener.poll(0.1)
@@ -92,24 +95,37 @@ def read(data: bytes) -> list[Any]:
     return messages
 
 
-def position(place: Wgs84) -> mav.MAVLink_message:
-    return mav.MAVLink_global_position_int_message(0, *_e7(place), round(place.alt_m * 1e3), 0, 0, 0, 0, 0)
+def position(place: Wgs84, north_mps: int) -> mav.MAVLink_message:
+    alt = round(place.alt_m * 1e3)
+    return mav.MAVLink_global_position_int_message(0, *_e7(place), alt, 0, 100 * north_mps, 0, 0, 0)
 
 
-def simulated(make: int, place: Wgs84) -> Any:
+def simulated(make: int, place: Wgs84, north_mps: int, yaw_radps: float) -> Any:
     lat, lon = _e7(place)
     if make == PX4:
         alt = round(place.alt_m * 1e3)
         return mav.MAVLink_hil_state_quaternion_message(
-            0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, lat, lon, alt, 0, 0, 0, 0, 0, 0, 0, 0
+            0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, yaw_radps, lat, lon, alt, 100 * north_mps, 0, 0, 0, 0, 0, 0, 0
         )
     sim_state: Any = mav.MAVLink_sim_state_message
     degrees = (place.lat_deg, place.lon_deg, place.alt_m)
-    return sim_state(1.0, *[0.0] * 12, *degrees, 0.0, 0.0, 0.0, 0.0, 0.0, lat_int=lat, lon_int=lon)
+    vel = (float(north_mps), 0.0, 0.0)
+    return sim_state(1.0, *[0.0] * 11, yaw_radps, *degrees, 0.0, 0.0, *vel, lat_int=lat, lon_int=lon)
 
 
 def _e7(place: Wgs84) -> tuple[int, int]:
     return round(place.lat_deg * 1e7), round(place.lon_deg * 1e7)
+
+
+class Seen:
+    """A model of a sensor that keeps the states it looks from."""
+
+    def __init__(self) -> None:
+        self.states: list[AirframeState] = []
+
+    def frames(self, _vehicle_id: int, state: AirframeState, *_: Any) -> bytes:
+        self.states.append(state)
+        return b""
 
 
 @pytest.fixture
@@ -173,6 +189,20 @@ def test_scans_are_cast_from_the_truth_where_it_is_told(stand_ins: StandIns, mak
         scans = read(companion.recv(65536))
     nearest_cm = min(min(scan.distances) for scan in scans)
     assert nearest_cm == pytest.approx(230.0 if told else 280.0, abs=15.0)  # the trunk east of vehicle 2
+
+
+@pytest.mark.parametrize("make", [PX4, ARDUPILOT])
+@pytest.mark.parametrize("told", [True, False])
+def test_sensors_look_from_vehicles_that_move(stand_ins: StandIns, make: int, told: bool) -> None:
+    """A companion takes its own motion out of raw scans: those of vehicles that stood still put a trunk 0.3 m off."""
+    stand_ins.tell(make, (1, 2) if told else (), north_mps=3, yaw_radps=0.5)
+    stand_ins.autopilots.fix_position_sources()
+    seen = Seen()
+    with ExitStack() as stack:
+        sensors = Sensors(stand_ins.mission, stand_of(stand_ins.mission), stand_ins.autopilots, stack)
+        sensors._sensors = (ModelSensor("obstacles", "a witness", seen),)
+        sensors.send_due(0.1, blind=())
+    assert [(state.vel_ned_mps, state.rates_radps) for state in seen.states] == [((3.0, 0.0, 0.0), (0.0, 0.0, 0.5))] * 2
 
 
 @pytest.mark.parametrize(("truth", "suffix"), [((1, 2), ""), ((), " (by estimates)"), ((1,), " (by estimates of 2)")])

@@ -65,6 +65,11 @@ def sim_bridge(*args: str, **environment: str) -> subprocess.CompletedProcess[st
             2,
             "--airframe: is of simulated vehicles",
         ),
+        (
+            ["fly", str(EXAMPLE), "--airframe", "point-mass", "--wind", "1@5:3:0"],
+            2,
+            "--airframe point-mass: flies in still air, and the mission has a wind fault",
+        ),
         (["report", str(EXAMPLE.parent)], 2, "must be the folder of a flight"),
         ([], 2, "COMMAND"),
     ],

@@ -36,7 +36,12 @@ def kept(some: Faults, folder: Path) -> list[str]:
 
 def test_what_happened_comes_back_from_the_run_folder(tmp_path: Path) -> None:
     some = Faults(
-        [fault("stop", at_s=1.0, for_s=3.0), fault("late", vehicles=[2, 4], late_s=1.5), fault("kill", at_s=60.0)]
+        [
+            fault("stop", at_s=1.0, for_s=3.0),
+            fault("late", vehicles=[2, 4], late_s=1.5),
+            fault("insider", vehicles=[3], lie="push"),
+            fault("kill", at_s=60.0),
+        ]
     )
     for now_s in (0.0, 1.0):
         some.advance(now_s, alive=(1, 2, 3, 4), phase=SwarmPhase.ASSEMBLE, leader=1)
@@ -89,6 +94,11 @@ def test_a_damaged_file_is_refused_by_its_name(text: str, tmp_path: Path) -> Non
         (("1,", "NaN,"), "[0].at_s = NaN: must be a number, at most 1e+07, or null"),
         (('"until_s"', '"lost"'), "[0] has no until_s"),
         (('""', "7"), "[0].asked = 7: must be text"),
+        (
+            ('"asked"', '"lie": [7], "asked"'),
+            "[0].lie = [7]: must be one of push, offset, floor, ghost, usurper, sinkhole, phase, lease, stall, roster, "
+            "clock, ranges, orders, or null",
+        ),
         (("[{", "[[{"), "line 1: is no JSON"),
         (("[{", "{"), "line 1: is no JSON"),
     ],

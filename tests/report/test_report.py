@@ -15,7 +15,7 @@ from mission.document.model import Mission
 from sim_bridge.judge import run_folder
 from sim_bridge.judge.outcome import NAME_CHARS
 from sim_bridge.judge.recording import Recording
-from sim_bridge.judge.run_folder import RunFolderError
+from sim_bridge.judge.run_folder import RunFolderError, load
 from sim_bridge.lab import report
 from sim_bridge.options import report as report_options
 
@@ -121,6 +121,23 @@ def test_one_that_a_fault_killed_is_excused_again(tmp_path: Path, capsys: pytest
     assert "\nDEGRADED without 1: " in shown
 
 
+def test_a_fault_is_recent_by_the_end_of_the_flight_not_of_its_recording(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A survey is recorded for as long as records are on their way to the base station."""
+    save_flight(tmp_path)
+    save_end(tmp_path, "time limit of 4 s reached", NO_COVERAGE)
+    last_s = float(load(tmp_path).time_s[-1])
+    row = {"kind": "blind", "vehicles": [1], "at_s": -40.0, "until_s": last_s - 31.0, "asked": "blind 1@0"}
+    (tmp_path / "faults.json").write_text(json.dumps([row]), encoding="utf-8")
+    report.run(parsed(str(tmp_path)))
+    assert "\nINCOMPLETE: " in capsys.readouterr().out
+    end = json.loads((tmp_path / "metrics.json").read_text())
+    (tmp_path / "metrics.json").write_text(json.dumps(end | {"end_s": last_s - 2.0}), encoding="utf-8")
+    report.run(parsed(str(tmp_path)))
+    assert "\nDEGRADED: " in capsys.readouterr().out
+
+
 def test_without_metrics_json_there_is_no_verdict_and_that_is_said(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -140,6 +157,7 @@ def test_without_metrics_json_there_is_no_verdict_and_that_is_said(
         ("\xff", "is no UTF-8 text"),
         ("[" * 100_000, "is nested too deep"),
         ('{"ended": 7}', "ended = 7: must be text"),
+        ('{"ended": "all landed", "end_s": "late"}', r'end_s = "late": must be a number, at most 1e\+07, or null'),
         ('{"ended": "all landed", "mission_sha256": [1]}', r"mission_sha256 = \[1\]: must be text"),
     ],
     ids=lambda text: text[:20],

@@ -75,6 +75,20 @@ def test_swarm_covers_both_trees_each_for_its_time_and_comes_home() -> None:
     ]
 
 
+def test_leader_flies_straight_from_one_tree_to_the_next() -> None:
+    """And not by the line from d1 to that one: between trees 300 m apart it was 26 m off the way that was checked."""
+    swarm = fleet(3)
+    until_next_transit(swarm, [1, 2, 3])
+    (leader,) = swarm.acting()
+    places = [east_north(swarm, leader)]
+    while swarm.aircraft[leader].state is FlightState.TRANSIT:
+        swarm.tick()
+        places.append(east_north(swarm, leader))
+    (east_m, north_m), (to_east_m, to_north_m) = places[0], (LAST[0] - places[0][0], LAST[1] - places[0][1])
+    off = [(n - north_m) * to_east_m - (e - east_m) * to_north_m for e, n in places]
+    assert max(abs(one) for one in off) / math.hypot(to_east_m, to_north_m) < 1.0
+
+
 def test_leader_that_dies_between_the_trees_changes_nothing() -> None:
     """Its heir knows from the beacons which tree is next."""
     swarm = fleet()

@@ -177,6 +177,16 @@ def test_a_wish_that_cannot_be_is_refused_in_words_and_changes_nothing(
     assert load_faults(tmp_path) == ()
 
 
+def test_wind_that_no_point_mass_feels_is_refused_and_is_no_fault_of_the_flight(
+    mission: Mission, unwatched: str, tmp_path: Path
+) -> None:
+    viewer = Viewer([(1.0, {"do": "wind", "wind_mps": [0, 6]})])
+    assert watched(mission, tmp_path, viewer).summary["trace_hash"] == unwatched
+    assert [text for text in viewer.events if text.startswith("not done: wind 1,2") and "none of these" in text]
+    assert load_faults(tmp_path) == ()
+    assert not load_mission(tmp_path / "mission.toml").sim.faults
+
+
 def test_the_map_of_a_flight_serves_its_rows_and_ends_with_it(mission: Mission, unwatched: str, tmp_path: Path) -> None:
     map_ = Map(("127.0.0.1", 0), ())
     try:

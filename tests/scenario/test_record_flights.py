@@ -52,6 +52,8 @@ def test_all_records_come_home_once(tmp_path: Path) -> None:
     assert outcome.succeeded, shown
     assert made > 200
     assert outcome.summary["records_delivered"] == made
+    waited_s = outcome.summary["sim_time_s"] - outcome.summary["end_s"]
+    assert harvest.COMPLETE_S < waited_s < harvest.COMPLETE_S + 5.0  # with nothing more to come
     assert f"base station: {made} of {made} records delivered" in shown
     assert re.search(r"transit .* \d+x  \d+ of \d+ records delivered", shown)
     assert len(set(bodies_at_base(tmp_path))) == len(bodies_at_base(tmp_path)) == made

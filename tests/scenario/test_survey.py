@@ -17,6 +17,7 @@ from mission.stand.stand import stand_of
 from sim_bridge.drive import fly as lockstep
 from sim_bridge.judge.metrics.stems import match_stems
 from sim_bridge.judge.progress import Progress
+from sim_bridge.judge.run_folder import load
 from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.world import DEFAULT_ORIGIN
 from tests.kept_records import records_in
@@ -66,7 +67,7 @@ HANGING = {"sensor": "multi-layer", "upside_down": True, "range_m": 12.0}
 def test_a_hanging_lidar_measures_the_stems_at_breast_height(shapes: bool, tmp_path: Path) -> None:
     mission = mission_with(HANGING, shapes=shapes)
     held, summary = records_of(mission, tmp_path)
-    found, passed = match_stems({1: held}, stand_of(mission))
+    found, passed = match_stems({1: held}, load(tmp_path), mission, stand_of(mission))
     assert len({stem.tree for stem in found}) == len(passed) == len(TREES)
     assert all(stem.tree is not None for stem in found)
     assert all(stem.observation.is_dbh_measured for stem in found)

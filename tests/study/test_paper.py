@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -195,6 +197,9 @@ def test_paper_mode_has_to_reach_the_paper_with_its_interval() -> None:
     assert not table1.reached([*near[:2], group(12, [210.0, 212.0])])
     # The mean is within, its interval not
     assert not table1.reached([*near[:2], group(12, [200.0, 290.0])])
+    # Nobody arrived, or too few
+    assert not table1.reached([*near[:2], replace(near[2], figures={})])
+    assert not table1.reached([*near[:2], replace(near[2], flights=4)])
 
 
 def test_table_has_the_papers_rows_and_ours() -> None:

@@ -6,6 +6,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType, SimpleNamespace
@@ -197,6 +198,7 @@ def test_vehicles_that_wait_for_one_another_are_seen() -> None:
     assert not stands(79.0, FlightState.TRANSIT, happened=[late])
     assert stands(81.0, FlightState.TRANSIT, happened=[late])
     assert stands(61.0, FlightState.TRANSIT, happened=[kill])
+    assert stands(61.0, FlightState.TRANSIT, happened=[FaultEvent(FaultKind.DISK_FULL, (2,), 0.0)])
 
 
 @pytest.mark.parametrize(("north_mps", "violated"), [(0.5, False), (3.0, True)])
@@ -267,6 +269,8 @@ def test_the_tables_of_a_campaign() -> None:
     ]  # those of earlier versions name no attacker
     assert [row["seed"] for row in summary.failures(rows)] == [3, 2]
     text = summary.markdown(rows)
+    assert "in still air" not in text
+    assert "in still air" in summary.markdown([row | {"backend": "agents"} for row in rows])
     assert "| all: 4 | 1 (25.0 %) | 1 (25.0 %) | 1 (25.0 %) | 1 (25.0 %) | 65 (80) |" in text
     assert "| insider: 1 | 0 (0.0 %) | 1 (100.0 %) |" in text
     assert "| no attacker: 3 | 1 (33.3 %) |" in text
@@ -276,6 +280,35 @@ def test_the_tables_of_a_campaign() -> None:
     assert "| 3 | 5 | 70.0 | UNSAFE: why |" in text
     del rows[2]["sim_time_s"]  # it never came to an end
     assert "| 3 | 5 | - | UNSAFE: why |" in summary.markdown(rows)
+
+
+def test_a_flight_whose_process_died_is_a_failure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    crashed = {"grade": "UNSAFE", "causes": [flight.CRASHED], "verdict": "UNSAFE: ValueError", "arrived": False}
+
+    def flies(todo: Sequence[Any]) -> Iterator[Any]:
+        for batch in todo:
+            yield batch, BrokenProcessPool() if batch[0].seed == 7 else Done((crashed,), 1.0, 1.0)
+
+    @contextmanager
+    def one_worker(*_: Any) -> Iterator[Any]:
+        yield flies
+
+    documents: list[dict[str, Any]] = []
+    monkeypatch.setattr(program, "_workers", one_worker)
+    monkeypatch.setattr(program.page, "write", lambda *told: documents.append(program.page.document(*told)))
+    command = ["search", "--backend", "point-mass", "--seed", "7", "--out", str(tmp_path)]
+    assert cli.main([*command, "--flights", "1", "--shrink", "1"]) == 1
+    assert "1 flights, 1 to look into" in capsys.readouterr().out
+    assert cli.main([*command, "--flights", "2"]) == 1
+    text = (tmp_path / "summary.md").read_text()
+    assert re.search(r"^\| flights \| .*UNSAFE \| never ended \|", text, re.MULTILINE)
+    assert "| all: 2 | 0 (0.0 %) | 0 (0.0 %) | 0 (0.0 %) | 1 (50.0 %) | 1 (50.0 %) | - |" in text
+    assert re.search(r"^\| 7 \| [0-9]+ \| - \| never ended: .*process", text, re.MULTILINE)
+    document = documents[-1]
+    assert document["answer"].startswith("FAILED: ")
+    assert {flown["verdict"] for flown in document["worst"]} == {"the worker process died", "UNSAFE: ValueError"}
 
 
 def test_a_campaign_goes_on_where_it_ended_and_keeps_missions(
@@ -307,7 +340,7 @@ def test_a_campaign_goes_on_where_it_ended_and_keeps_missions(
     told = json.loads(capsys.readouterr().out)
     assert [row["seed"] for row in told] == [7, 8]
     assert [row["sim_time_s"] for row in told] == [row["sim_time_s"] for row in rows]
-    monkeypatch.setattr(shrink, "fly_to_row", lambda *_, **__: {"causes": []})
+    monkeypatch.setattr(shrink, "fly_to_row", lambda *_, **__: {"grade": "ARRIVED", "causes": []})
     assert cli.main([*command, "--flights", "2", "--shrink", "1"]) == 1
     assert load_mission(tmp_path / "8.toml") == load_mission(tmp_path / "8-shrunk.toml")
     assert (tmp_path / "8.toml").read_text().startswith("# signed: true\n")

@@ -68,7 +68,7 @@ def test_what_does_not_matter_is_taken_away(monkeypatch: pytest.MonkeyPatch, mis
     tables = whole.model_dump(mode="json", by_alias=True)
     tables["sim"]["faults"] = [kill, stop]
     monkeypatch.setattr(shrink, "fly_to_row", rows_that_fail_by(fails))
-    small, _ = shrink.shrink(Mission.model_validate(tables), "contact", on_jsbsim=False, most_flights=100)
+    small, _ = shrink.shrink(Mission.model_validate(tables), "UNSAFE", "contact", on_jsbsim=False, most_flights=100)
     assert fails(small)
     assert small.swarm.size <= 3
     assert [fault.kind for fault in small.sim.faults] == [FaultKind.STOP]
@@ -85,7 +85,7 @@ def attacked_missions(kind: FaultKind) -> Iterator[Mission]:
 def shrunk(monkeypatch: pytest.MonkeyPatch, mission: Mission, fails: Any, *, signed: bool = True) -> tuple[Fault, bool]:
     """The attack that is left of it, and whether it is still signed."""
     monkeypatch.setattr(shrink, "fly_to_row", rows_that_fail_by(fails))
-    small, with_keys = shrink.shrink(mission, "contact", on_jsbsim=False, most_flights=300, signed=signed)
+    small, with_keys = shrink.shrink(mission, "UNSAFE", "contact", on_jsbsim=False, most_flights=300, signed=signed)
     assert fails(small)
     return small.sim.faults[-1], with_keys
 
@@ -132,5 +132,18 @@ def test_shrinking_ends_with_its_flights(monkeypatch: pytest.MonkeyPatch, missio
         return {"grade": "UNSAFE", "causes": ["separation"], "verdict": ""}  # another way to fail
 
     monkeypatch.setattr(shrink, "fly_to_row", fly)
-    assert shrink.shrink(missions[0], "contact", on_jsbsim=False, most_flights=5) == (missions[0], False)
+    assert shrink.shrink(missions[0], "UNSAFE", "contact", on_jsbsim=False, most_flights=5) == (missions[0], False)
     assert len(flown) == 5
+
+
+def test_what_its_faults_explain_is_not_shrunk_to(monkeypatch: pytest.MonkeyPatch, missions: list[Mission]) -> None:
+    """Of a smaller swarm the same vehicles that are killed leave no majority."""
+
+    def fly(mission: Mission, **_: Any) -> dict[str, Any]:
+        grade = "INCOMPLETE" if mission.swarm.size > 4 else "DEGRADED"
+        return {"grade": grade, "causes": ["not arrived"], "verdict": "shown"}
+
+    monkeypatch.setattr(shrink, "fly_to_row", fly)
+    whole = next(one for one in missions if one.swarm.size > 6)
+    small, _ = shrink.shrink(whole, "INCOMPLETE", "not arrived", on_jsbsim=False, most_flights=100)
+    assert small.swarm.size == 5

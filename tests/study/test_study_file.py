@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -54,6 +55,10 @@ def test_parameters_laws_and_seeds_are_crossed(tmp_path: Path) -> None:
         (
             ('"ours"\n', '"ours"\nlaw = "algorithm1"\ncross_params = { dt_s = [1, -1] }\n'),
             r"study.toml:9: dt_s = -1: must be a number above 0, at most 10",
+        ),
+        (
+            ('"ours"\n', '"ours"\n[[run]]\nname = "ours"\nsafety_filter = false\nbackend = "agents"\n'),
+            r'study.toml:9: run\[1\].name = "ours": is another run\'s: must be new',
         ),
         (("seeds = 2", "seeds = 0"), r"study.toml:3: seeds = 0: must be an integer from 1 to 100000"),
         (("mission.toml", "none.toml"), r'study.toml:2: missions\[0\] = "none.toml": .*/none.toml: no such file'),
@@ -118,7 +123,7 @@ def test_seeds_of_the_same_point_mass_case_fly_together_and_others_alone(tmp_pat
     assert len(found) == 2 + 4
 
 
-@pytest.mark.parametrize("backend", ["point-mass", "agents", "jsbsim"])
+@pytest.mark.parametrize("backend", ["agents", "jsbsim"])
 def test_autopilots_of_a_study_are_as_wrong_as_recorded_unless_told(backend: str, tmp_path: Path) -> None:
     run = f'[[run]]\nname = "{{}}"\nbackend = "{backend}"\n'
     text = STUDY + run.format("default") + run.format("exact") + 'set = { sim.estimates = "exact" }\n'
@@ -128,9 +133,58 @@ def test_autopilots_of_a_study_are_as_wrong_as_recorded_unless_told(backend: str
     told = {c.settings.get("sim.estimates") for c in cases if c.run == "default"}
     assert flown["exact"] == {"exact"}
     assert flown["both"] == {"exact", "recorded"}
-    assert (flown["default"], told) == (
-        ({"exact"}, {None}) if backend == "point-mass" else ({"recorded"}, {"recorded"})
-    )
+    assert (flown["default"], told) == ({"recorded"}, {"recorded"})
+
+
+WIND_FAULT = '[{ kind = "wind", vehicles = [1], wind_mps = [3.0, 0.0], at_s = 5.0 }]'
+
+
+@pytest.mark.parametrize(
+    ("backend", "said", "told"),
+    [
+        (
+            "point-mass",
+            'sim.estimates = "recorded"',
+            "flies without sim.estimates, which mission.toml has: must be agents",
+        ),
+        ("point-mass", "sim.position_noise_m = 0.1", "flies without sim.position_noise_m, "),
+        (
+            "point-mass",
+            "sim.wind_mps = [3.0, 0.0, 0.0]",
+            "flies without sim.wind_mps, which mission.toml has: must be jsbsim",
+        ),
+        (
+            "agents",
+            "sim.wind_mps = [3.0, 0.0, 0.0]",
+            "flies without sim.wind_mps, which mission.toml has: must be jsbsim",
+        ),
+        (
+            "agents",
+            "sim.turbulence_mps = 2.0",
+            "flies without sim.turbulence_mps, which mission.toml has: must be jsbsim",
+        ),
+        (
+            "agents",
+            f"sim.faults = {WIND_FAULT}",
+            "flies without faults of wind, which mission.toml has: must be jsbsim",
+        ),
+    ],
+)
+def test_what_a_backend_would_leave_out_without_a_word_is_refused(
+    backend: str, said: str, told: str, tmp_path: Path
+) -> None:
+    text = f'{STUDY}backend = "{backend}"\nset = {{ {said} }}\n'
+    with pytest.raises(MissionError, match=re.escape(f'backend = "{backend}": {told}')):
+        study(tmp_path, text)
+    study(tmp_path, text.replace(f'"{backend}"', '"jsbsim"'))
+
+
+@pytest.mark.parametrize(
+    ("backend", "told"), [("point-mass", "mission.toml has no [sensing]"), ("agents", 'with backend = "jsbsim"')]
+)
+def test_gusts_where_nothing_flies_them_are_refused(backend: str, told: str, tmp_path: Path) -> None:
+    with pytest.raises(MissionError, match=rf"gusts_mps = 0.3: .*{re.escape(told)}"):
+        study(tmp_path, f'{STUDY}backend = "{backend}"\ngusts_mps = 0.3\n')
 
 
 def test_a_mission_file_that_says_what_its_estimates_are_is_flown_so(tmp_path: Path) -> None:

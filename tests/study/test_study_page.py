@@ -75,7 +75,7 @@ def test_every_limit_that_is_missed_is_named_with_its_unit_up_to_six() -> None:
     )
     assert "; and 2 more. 1 of 1 flights arrived" in told
     none = {**missed(False), "seen": None}
-    assert "worst none, must be at least 5" in answer([row(1)], summarise([row(1)]), [none])
+    assert "worst not of every flight, must be at least 5" in answer([row(1)], summarise([row(1)]), [none])
 
 
 def test_the_answer_tells_runs_apart_and_flights_that_never_ended_count_as_not_arrived() -> None:

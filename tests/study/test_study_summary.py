@@ -9,7 +9,7 @@ import re
 import pytest
 from rich.console import Console
 
-from sim_bridge.lab.study.results import summary
+from sim_bridge.lab.study.results import must, page, summary
 from sim_bridge.lab.study.results.figures import FLIGHT
 
 
@@ -80,3 +80,50 @@ def test_overhead_over_one_alone_is_by_the_same_run_and_settings_but_size() -> N
     assert found[1] is not None
     assert found[1].mean == pytest.approx(1.1 / 1.03 - 1.0)
     assert found[2:] == [None, None]
+
+
+def flights(arrived: int, of: int, **figures: float) -> list[summary.Row]:
+    """Of one case; those that do not arrive have no overhead."""
+    row = {"run": "a", "law": "ours", "backend": "point-mass", "n": 2, "settings": {}, "status": "flown", **figures}
+    return [
+        {**row, "arrived": k < arrived, "overhead_last": 0.1 + k / 1000 if k < arrived else None, "contacts": 0}
+        for k in range(of)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("arrived", "of", "limits", "reached"),
+    [
+        (20, 20, {"overhead_last": {"mean": 0.2, "worst": 0.2, "p95": 0.2}}, [True, True, True]),
+        (2, 20, {"overhead_last": {"mean": 0.2, "worst": 0.2, "p95": 0.2}}, [False, False, False]),
+        (19, 20, {"overhead_last": {"mean": 0.2, "worst": 0.2, "p95": 0.2}}, [False, False, True]),
+        (2, 20, {"contacts": {"worst": 0.0}}, [True]),
+        # How many may not arrive is said
+        (19, 20, {"arrived": {"mean": 0.95}, "overhead_last": {"mean": 0.2}}, [True, True]),
+        (18, 20, {"arrived": {"mean": 0.95}, "overhead_last": {"mean": 0.2}}, [False, True]),
+        (19, 20, {"trunk_clearance_min_m": {"worst": 0.3}}, [False]),  # nobody met one
+    ],
+)
+def test_a_limit_is_judged_over_those_that_failed_too(
+    arrived: int, of: int, limits: dict[str, dict[str, float]], reached: list[bool]
+) -> None:
+    [group] = summary.summarise(flights(arrived, of))
+    verdicts = must.judge(group, "", limits)
+    assert [verdict.reached for verdict in verdicts] == reached
+    shown = page.answer(flights(arrived, of), [group], [verdict.as_dict() for verdict in verdicts])
+    assert shown.startswith("PASSED" if all(reached) else "FAILED")
+
+
+def test_a_flight_that_met_no_trunk_has_none_to_keep_from() -> None:
+    rows = [*flights(2, 2, trunk_clearance_min_m=0.5), *flights(2, 2)]
+    [group] = summary.summarise(rows)
+    limits = {"trunk_clearance_min_m": {"worst": 0.3, "p95": 0.3}}
+    assert all(verdict.reached for verdict in must.judge(group, "", limits))
+
+
+def test_what_95_percent_of_the_seeds_keep_counts_those_without() -> None:
+    values = [float(k) for k in range(1, 96)]
+    few, many = summary.spread(values, lacking=5), summary.spread(values, lacking=6)
+    assert few is not None
+    assert many is not None
+    assert (few.p95, many.p95) == (95.0, None)

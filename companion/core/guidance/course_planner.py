@@ -15,6 +15,7 @@ from companion.core.safety.response_model import CALM, CREEP_MPS, DEAD_S, SPEED_
 
 COURSES: Final = 30  # to either side of the desired
 COURSE_STEP_RAD = math.radians(5.0)
+ALL_ROUND: Final = 72  # such steps
 SPEEDS = (1.0, 0.67, 0.34)  # shares of the desired speed
 SPEED_WIDENS = (1.0, 0.8, 0.6)  # share of the margin for gusts that each speed keeps
 LOOK_AHEAD_M: Final = 8.0
@@ -148,17 +149,24 @@ class CoursePlanner:
             away_m = math.sqrt(away_m2)
             bearing = math.remainder(math.atan2(e, n) - heading, math.tau)
             half = math.asin(clear_m / away_m) if away_m > clear_m else math.pi / 2.0
-            first = max(-COURSES, math.ceil((bearing - half) / COURSE_STEP_RAD))
-            final = min(COURSES, math.floor((bearing + half) / COURSE_STEP_RAD))
+            first = math.ceil((bearing - half) / COURSE_STEP_RAD)
+            final = math.floor((bearing + half) / COURSE_STEP_RAD)
             for turn in range(first, final + 1):
+                course = turn
+                if turn > COURSES:  # what is near behind bars courses to both sides
+                    course = turn - ALL_ROUND
+                elif turn < -COURSES:
+                    course = turn + ALL_ROUND
+                if not -COURSES <= course <= COURSES:
+                    continue
                 off = turn * COURSE_STEP_RAD - bearing
                 if away_m <= clear_m:
                     room_m = 0.0
                 else:
                     aside = away_m * math.sin(off)
                     room_m = away_m * math.cos(off) - math.sqrt(max(0.0, clear_m * clear_m - aside * aside))
-                if room_m < free_m[turn + COURSES]:
-                    free_m[turn + COURSES] = room_m
+                if room_m < free_m[course + COURSES]:
+                    free_m[course + COURSES] = room_m
         return free_m
 
     def _costs(

@@ -27,7 +27,7 @@ class GuidanceInput:
     governor: Final[float]
     lease_freshness: Final[float]  # 1 while the leader is heard of, falling to 0 as its lease runs out
     goal: Final[tuple[Vec3, float] | None]  # a leader's: see `phases.Phases.goal`
-    goal_moves: Final[bool]  # as the estimate of the own position does, or from lane to lane
+    goal_moves: Final[bool]  # as the estimate of the own position does, or from visit to visit
     dest_ned_m: Final[Vec3 | None]  # the vector to d2, where it is known; on lanes None: no tree is ahead
     size: Final[int]  # of the swarm in the air
     corridors: Final[Sequence[PredictedCorridor]]  # of those that trees hide; none without a sensor

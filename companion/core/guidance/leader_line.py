@@ -43,5 +43,5 @@ class LeaderLine:
 
 
 def _is_elsewhere(now: GuidanceInput, goal: Vec3, before: Vec3) -> bool:
-    """A leader that goes back along its own way, or flies lanes, has one goal after the other."""
+    """A leader that goes back along its own way, or flies lanes or to several trees, has one goal after the other."""
     return now.goal_moves and norm(sub(goal, before)) > LINE_ENDS_M

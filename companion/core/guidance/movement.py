@@ -185,10 +185,13 @@ class Guidance:
         soft_m = max(apart.hard_m, min(apart.soft_m, 0.8 * spacing_m))
         if not stranded:
             return add(spread, formation.separation(now.around.neighbours, now.around.silent_ned_m, soft_m=soft_m))
-        silent = [s.rel_ned_m for k, s in now.around.hovering.items() if s.silent and k not in stranded]
-        push = formation.separation(now.around.neighbours, silent, soft_m=soft_m)
+        # Of those by which it is pushed, none is known by others' words alone.
+        own = {k: s.rel_ned_m for k, s in now.around.hovering.items() if s.silent and not s.received}
+        push = formation.separation(
+            now.around.neighbours, [rel for k, rel in own.items() if k not in stranded], soft_m=soft_m
+        )
         # No further than to the position that is free beside one: pushed on, a vehicle would not come to rest in it.
-        away = formation.separation((), list(stranded.values()), soft_m=min(soft_m, clear_m))
+        away = formation.separation((), [rel for k, rel in own.items() if k in stranded], soft_m=min(soft_m, clear_m))
         return add(spread, add(push, away))
 
     def _update_heading(self, now: GuidanceInput) -> None:

@@ -20,14 +20,12 @@ from companion.core.guidance.search.path_search import WIDER_M
 from companion.core.localisation.peer_table import PeerTable
 from companion.core.localisation.predicted_corridors import PredictedCorridor
 from companion.core.model.beacon import PeerReport
-from companion.core.model.events import Position
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import add, norm, scale
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud, ObstacleKind
 from companion.core.safety.bounds import Bound
 from companion.core.safety.clearance import Use, clearance_m
 from companion.core.safety.descent import LANDING_ROOM_M
-from companion.core.safety.response_model import Disturbance
 from companion.core.safety.safety_filter import SafetyFilter
 from companion.core.safety.surroundings import Surroundings
 from mission.common.frames import Vec3
@@ -141,9 +139,7 @@ class SensingPlanner(LocalPlanner):
             self._since_s = 0.0
             last = add(around.commanded_ned_mps, around.drift_ned_mps)
             bounds = self._filter.separations(around)
-            self._course = self._find_course(
-                desired, around.own, last, around.cloud, bounds, around.disturbance, reach_m, self._fence_from(around)
-            )
+            self._course = self._find_course(desired, around, last, bounds, reach_m)
         course = self._course
         return (0.0, 0.0, desired[2]) if course is None else (course[0], course[1], desired[2])
 
@@ -168,17 +164,18 @@ class SensingPlanner(LocalPlanner):
     def _find_course(
         self,
         desired: Vec3,
-        own: Position,
+        around: Surroundings,
         last_ned_mps: Vec3,
-        cloud: LocalObstacleCloud,
         bounds: Sequence[Bound],
-        disturbance: Disturbance,
         reach_m: float,
-        fence: Sequence[tuple[float, float]],
     ) -> tuple[float, float] | None:
         """`desired` (NED m/s), turned and slowed so that it leads clear; None where nothing is found to."""
+        own, cloud, told, fence = around.own, around.cloud, around.told_ned_m, self._fence_from(around)
         passed = with_known(cloud)
-        push_n, push_e = passed.push_away(PUSH_WIDENS * self.wider_m, PUSH_MAX_MPS)
+        # What others say alone is flown round, and moves nobody.
+        push_n, push_e = (with_known(cloud, without=told) if told else passed).push_away(
+            PUSH_WIDENS * self.wider_m, PUSH_MAX_MPS
+        )
         here = (own.pos_ned_m[0], own.pos_ned_m[1])
         known = [
             (passed.norths[k], passed.easts[k], passed.clears_m[k])
@@ -199,7 +196,7 @@ class SensingPlanner(LocalPlanner):
             bounds,
             wider_m=self.wider_m,
             reach_m=reach_m,
-            disturbance=disturbance,
+            disturbance=around.disturbance,
             beyond_m=WIDER_M if self._recovery.follows_way else FREE_BEYOND_M,  # as the search for the way had it
         )
 
@@ -209,10 +206,10 @@ def is_anyone_unheard(hovering: Iterable[PeerReport]) -> bool:
     return any([report.silent and UNHEARD_FROM_S <= report.age_s <= UNHEARD_UNTIL_S for report in hovering])
 
 
-def with_known(cloud: LocalObstacleCloud) -> LocalObstacleCloud:
-    """The cloud with its known obstacles as points, at every height."""
+def with_known(cloud: LocalObstacleCloud, *, without: Sequence[Vec3] = ()) -> LocalObstacleCloud:
+    """The cloud with its known obstacles as points, at every height; `without` those that hover at these places."""
     passed = cloud.copy()
-    for obstacles in (cloud.hovering, cloud.trunks):
+    for obstacles in ([one for one in cloud.hovering if one.rel_ned_m not in without], cloud.trunks):
         for obstacle in obstacles:
             clear_m = clearance_m(obstacle.kind, Use.PLAN, obstacle.keep_out_m)
             passed.add_points([obstacle.rel_ned_m[0]], [obstacle.rel_ned_m[1]], clear_m)

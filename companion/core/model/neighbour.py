@@ -89,3 +89,9 @@ class Neighbour:
 def find_hover_places(reports: Iterable[PeerReport]) -> list[Vec3]:
     """Positions at which reported vehicles may hover, relative, NED m: of one of which words differ, all of them."""
     return [rel for report in reports for rel in (report.rel_ned_m, *report.elsewhere)]
+
+
+def find_told_places(reports: Iterable[PeerReport]) -> list[Vec3]:
+    """Of those places the ones at which others alone say that a vehicle hovers silent."""
+    silent = [report for report in reports if report.silent]
+    return [rel for s in silent for rel in ((s.rel_ned_m, *s.elsewhere) if s.received else s.elsewhere)]

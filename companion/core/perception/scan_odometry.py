@@ -179,7 +179,7 @@ class ScanOdometry:
             self._begin_frame(now_s)
         segments = find_walls(scan, self._kind)
         seen = [Sighting(stem) for stem in find_stems(scan, self._kind, mark_walls(segments, scan))]
-        walls = [WallSighting(segment) for segment in segments]
+        walls = [WallSighting(segment) for segment in segments if segment.tells]
         for wall in walls:
             self._walls.match_segment(wall, self._wall_pose_m2(wall))
         heading_sd_rad = math.sqrt(self._heading_rad2())

@@ -8,7 +8,7 @@ from typing import Final, final
 
 from companion.core.model.beacon import PeerReport
 from companion.core.model.events import Position
-from companion.core.model.neighbour import Neighbour
+from companion.core.model.neighbour import Neighbour, find_told_places
 from companion.core.model.vectors import ZERO, add
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.perception.vehicles.vehicle_tracks import SeenVehicle
@@ -75,5 +75,4 @@ class Surroundings:
     @property
     def told_ned_m(self) -> list[Vec3]:
         """Positions at which others alone say that one hovers silent: they slow, and push nobody."""
-        silent = [s for s in self.hovering.values() if s.silent]
-        return [rel for s in silent for rel in ((s.rel_ned_m, *s.elsewhere) if s.received else s.elsewhere)]
+        return find_told_places(self.hovering.values())

@@ -28,7 +28,7 @@ from companion.core.swarm.roster import Roster, ids, list_vehicles
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import Cause, Finding, Readings, Source
 from mission.common.frames import Vec3
-from mission.document.height_layers import list_layers
+from mission.document.height_layers import APART_M, list_layers
 from mission.document.model import Mission
 
 UNDER_WAY = (SwarmPhase.TRANSIT, SwarmPhase.RETURN)
@@ -114,23 +114,38 @@ class NetworkPartition:
         """Each tick: the height (m above the origin) to fly at; None: as the formation goes.
 
         A part without the majority has another than the mission's. It comes back when it has been with the others for a
-        while and none of them is above or below it.
+        while and none of them is above or below it. Who has not been steered for a while is where it was, or where a
+        pilot or a companion that was started again has brought it: past the mission's height it goes from nowhere.
         """
         now_s = picture.now_s
-        if len(self._layers) == 1 or not picture.is_steered:
-            self._layer_m = None
-        elif self._whole_s is None:
+        if len(self._layers) == 1:
+            return None
+        if not picture.is_steered:
+            if picture.state is not FlightState.WAITING:
+                self._layer_m = None
+            return None
+        if self._whole_s is None:
+            from_m = self._find_height_apart(picture) if self._layer_m is None else self._layer_m
             if lease is not None and not lease.quorum and self.partitioned_s(now_s) >= LAYER_AFTER_S:
-                self._layer_m = choose_layer(self._layers, lease.leader, self._layer_m)
+                self._layer_m = choose_layer(self._layers, lease.leader, from_m)
+            elif (lease is None or not lease.quorum) and from_m is not None:
+                return from_m
         elif now_s - self._whole_s >= REJOINED_S and self._is_way_free(picture):
             self._layer_m = None
-        if self._layer_m is None and picture.is_steered:
-            return self._held_m
-        return self._layer_m
+        return self._held_m if self._layer_m is None else self._layer_m
+
+    def _find_height_apart(self, picture: Picture) -> float | None:
+        """The own height, m above the origin, where that is another layer's; None: it is at the mission's."""
+        height_m = self._layers[0] if picture.own is None else -picture.own.pos_ned_m[2]
+        return height_m if abs(height_m - self._layers[0]) > APART_M / 2.0 else None
 
     def leaves_layer(self, now_s: float) -> bool:
         """With the majority again, and about to come back to the mission's height: others may stand where it is."""
         return self._layer_m is not None and self._whole_s is not None and now_s - self._whole_s <= LEAVES_S
+
+    def makes_wait(self, now_s: float) -> bool:
+        """A leader's: it waits for others that are lost, or to come back to the mission's height."""
+        return bool(self.waits_for) or self.leaves_layer(now_s)
 
     def _is_way_free(self, picture: Picture) -> bool:
         others = [n.rel_ned_m for n in picture.neighbours] + find_hover_places(picture.silent.values())
@@ -248,7 +263,8 @@ class SearchingPartition(NetworkPartition):
         else:
             lost_s = self.partitioned_s(now_s)
             if lost_s < self._hold_s(lease.leader):
-                lost_s = 0.0
+                search.end(now_s)
+                return
             if phase is not SwarmPhase.COVERAGE:
                 heard_at = contacts.heard_last(missing)
                 outside = [(position, self._outside_m) for position in ahead]
@@ -275,10 +291,12 @@ class SearchingPartition(NetworkPartition):
 def choose_layer(layers: Sequence[float], leader: int, now_m: float | None = None) -> float:
     """The layer of a part without the majority, which `leader` leads: any but the mission's own, `layers[0]`.
 
-    From a layer it has, `now_m`, none on the other side of the mission's own: others that it does not hear are there.
+    From a height that it has, `now_m`, none on the other side of the mission's own: others that it does not hear are
+    there. Where a mission has no layer on that side there is no such choice.
     """
     own_m = layers[0]
-    others = [one for one in layers[1:] if now_m is None or (one > own_m) is (now_m > own_m)]
+    beside = [one for one in layers[1:] if now_m is None or (one > own_m) is (now_m > own_m)]
+    others = beside or layers[1:]
     return others[leader % len(others)]
 
 

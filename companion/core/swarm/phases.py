@@ -30,7 +30,7 @@ class PhaseEvent(Enum):
 
     STAND_KNOWN = "the first lane has been flown, and the leader knows the stand as well as the mission asks for"
     PASSED = f"the leader is at the end of a lane; or near it, or for {LANE_GIVE_UP_S:.0f} s, and comes no nearer"
-    STUCK = f"the leader has come no nearer to its goal for {STUCK_LAND_S:.0f} s"
+    STUCK = f"the leader has come no nearer to its goal for {STUCK_LAND_S:.0f} s, and waited for nobody"
     ASSEMBLED = "the flight is allowed, and all are ready; or a majority is, and the time is up"
     GATHERED = "the leader is at d1, and all have gathered there; or a majority has, and the time is up"
     TOO_FEW = f"too few have gathered at d1, {TOO_FEW_LAND_S:.0f} s after the time was up"
@@ -147,10 +147,13 @@ class Phases:
         positions = [enu_to_ned(visit.pos_enu_m) for visit in self._visits[self.stop :]]
         return [*positions, d1] if route.at_end is AtEnd.RETURN else positions
 
-    def decide_phase(self, done: int, *, to_goal_m: float, started: bool, now_s: float) -> bool:
-        """One period as leader; `done` as in the beacon, from all branches. True when the phase has changed."""
+    def decide_phase(self, done: int, *, to_goal_m: float, started: bool, now_s: float, waits: bool = False) -> bool:
+        """One period as leader; `done` as in the beacon, from all branches. True when the phase has changed.
+
+        `waits`: for others, so that it need come no nearer to its goal.
+        """
         now_s = self._mission_s(now_s)
-        self._update_progress(to_goal_m, now_s)
+        self._update_progress(to_goal_m, now_s, waits=waits)
         if self.phase is SwarmPhase.ASSEMBLE and started and not self._started:
             self._started, self.since_s = True, now_s
         for event, phase in TRANSITIONS[self.phase]:
@@ -199,12 +202,14 @@ class Phases:
         given_up = waited_s > LANE_GIVE_UP_S and not self._gave_up
         return to_goal_m <= PASS_M or (is_near and waited_s > LANE_WAIT_S) or given_up
 
-    def _update_progress(self, to_goal_m: float, now_s: float) -> None:
-        """Notes when the leader last came nearer to its goal, on the way to d2 or back."""
+    def _update_progress(self, to_goal_m: float, now_s: float, *, waits: bool) -> None:
+        """Notes when the leader last came nearer to its goal, on the way to d2 or back; later by what it waits."""
         led_s, self._led_s = self._led_s, now_s
         under_way = self.phase in (SwarmPhase.TRANSIT, SwarmPhase.RETURN)
         if not under_way or now_s - led_s > PAUSE_S or to_goal_m <= self._nearest_m - PROGRESS_M:
             self._nearest_m, self._nearer_s = to_goal_m, now_s
+        elif waits:
+            self._nearer_s += now_s - led_s
 
     def is_passed(self, stop: int) -> bool:
         """This visit is the end of a lane."""

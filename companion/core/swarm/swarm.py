@@ -7,13 +7,11 @@ election is its Algorithm 1, lines 4-18 (see `election`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final
 
 from companion.core.guidance import coverage, formation
 from companion.core.model.actions import Say
 from companion.core.model.beacon import Beacon, BeaconEcho, Lease, PeerReport
-from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import STEERED, FlightState, Reception, Role, SwarmPhase
 from companion.core.model.vectors import ZERO, sub
 from companion.core.swarm.backtracking import Backtracking
@@ -22,7 +20,7 @@ from companion.core.swarm.orders import Goal
 from companion.core.swarm.partition import UNDER_WAY, build_partition
 from companion.core.swarm.phases import Phases
 from companion.core.swarm.picture import Picture
-from companion.core.swarm.priorities import Priorities, score_of
+from companion.core.swarm.priorities import Priorities, Resignation, score_of
 from companion.core.swarm.reports import SwarmReports
 from companion.core.swarm.roster import Roster
 from companion.core.swarm.trust.trust import Trust
@@ -46,7 +44,7 @@ class Swarm:
         """`operator`: the orders that this vehicle holds."""
         self.me, self.operator = me, operator
         self._reception = Reception.GOOD if mission.has_satellites(me) else Reception.NONE
-        self._priorities = Priorities(mission)
+        self._priorities, self._resignation = Priorities(mission), Resignation()
         self.trust = Trust(mission, me, self._priorities)
         self.election = self._new_election(mission)
         self.phases = Phases(mission)
@@ -176,7 +174,8 @@ class Swarm:
         there = picture.is_steered or (picture.can_lead and self.phases.phase <= SwarmPhase.GATHER)
         # A swarm of which all were stalled at once: one of them has to begin.
         there |= bool(picture.neighbours) and picture.listens_s > LISTEN_S
-        eligible = there and not resigns
+        is_out = self._resignation.update(picture, leads=self.election.acts, resigns=resigns)
+        eligible = there and not resigns and not is_out
         score = score_of(picture.battery_percent, self._reception)
         self.election.set_priority(self._priorities.of(self.me, self._reception))
         news = self.trust.run_period(picture, self.election, self.phases, is_held=self.operator.holds)
@@ -197,8 +196,7 @@ class Swarm:
 
     def find_route(self, picture: Picture) -> None:
         """The way to the leader, how fast it may go, and what comes up it: which are there, and which have done it."""
-        neighbours = picture.neighbours
-        linked: Sequence[Neighbour] = neighbours
+        neighbours = linked = picture.neighbours
         if picture.is_steered:  # one that cannot follow must not hold up those that can
             linked = [n for n in neighbours if n.beacon.state in STEERED]
         if self.election.leads:
@@ -209,10 +207,11 @@ class Swarm:
             self.route = formation.route(linked, range_m=self.range_m)
             self.trust.check_route(self.route, neighbours, self.election.lease, picture.now_s)
         self._is_link_bad = formation.is_link_bad(self.route, was_bad=self._is_link_bad)
+        range_m, followers = self.formation_range_m, formation.children(self.me, self.route, linked)
         self.governor = formation.governor(
             self.route,
-            self.trust.filter_followers(formation.children(self.me, self.route, linked), picture.now_s),
-            range_m=self.formation_range_m,
+            self.trust.filter_followers(followers, picture.now_s, range_m=range_m),
+            range_m=range_m,
             link_is_bad=self._is_link_bad,
         )
         branches = [follower.beacon for follower in formation.children(self.me, self.route, neighbours)]
@@ -227,7 +226,7 @@ class Swarm:
         With its position more uncertain than the mission allows it turns back, or does not set out.
         """
         now_s, is_lost = picture.now_s, picture.is_position_lost
-        there = to_goal_m <= self._mission.route.arrival_distance_m
+        there, started = to_goal_m <= self._mission.route.arrival_distance_m, self.operator.started
         if (
             is_lost
             and self._mission.swarm.position_uncertain is PositionUncertain.RETURN
@@ -237,9 +236,9 @@ class Swarm:
             return
         if self.phases.is_near_end(now_s) and not self._is_formed(picture):
             self.phases.note_unformed(now_s)
-        done, phase, stop = self.roster.done, self.phases.phase, self.phases.stop
-        done = self._may_leave(self.roster.with_excluded(done), is_lost=is_lost)
-        if self.phases.decide_phase(done, to_goal_m=to_goal_m, started=self.operator.started, now_s=now_s):
+        phase, stop, waits = self.phases.phase, self.phases.stop, self.partition.makes_wait(now_s)
+        done = self._may_leave(self.roster.with_excluded(self.roster.done), is_lost=is_lost)
+        if self.phases.decide_phase(done, to_goal_m=to_goal_m, started=started, now_s=now_s, waits=waits):
             entered = self.phases.phase
             if entered is SwarmPhase.GATHER:
                 self.roster.mark_launched(done)
@@ -249,7 +248,7 @@ class Swarm:
                 self._reports.report_lane(stop, self.phases.stop, is_reached=there)
             else:
                 self._reports.report_phase(entered, phase, self.phases.stop, done)
-        elif (phase is SwarmPhase.ASSEMBLE and self.operator.started) or self.phases.overdue(now_s):
+        elif (phase is SwarmPhase.ASSEMBLE and started) or self.phases.overdue(now_s):
             self._reports.report_absent(done, now_s)
 
     def _is_formed(self, picture: Picture) -> bool:

@@ -28,6 +28,7 @@ from companion.core.model.states import Severity
 UNSURE_FROM: Final = 0.5
 UNSURE_UNTIL: Final = 0.4
 LOW_BATTERY_PERCENT: Final = 20  # no leadership below
+LOW_BATTERY_CLEARS_PERCENT: Final = 25  # of one that resigned by it: between two readings it leads not by turns
 CRITICAL_BATTERY_PERCENT: Final = 10  # down here it lands where it is
 
 
@@ -674,7 +675,7 @@ ROWS: tuple[Row, ...] = (
         Clear.GONE,
         Severity.INFO,
         "",
-        until=f"battery at {LOW_BATTERY_PERCENT} % or above",
+        until=f"battery at {LOW_BATTERY_PERCENT} % or above, of one that led at {LOW_BATTERY_CLEARS_PERCENT} %",
         resigns=True,
     ),
 )

@@ -13,7 +13,7 @@ from companion.mavlink import dialect
 from companion.mavlink.framing import wire
 from mission.common.frames import LocalFrame, Vec3, Wgs84, enu_to_ned
 from mission.document.model import Mission, Origin
-from sim_bridge.drive.external.truth import TRUTH_HZ, TRUTH_IDS, TRUTH_STREAMS, Truth, position_of, truth_of
+from sim_bridge.drive.external.truth import TRUTH_HZ, TRUTH_IDS, TRUTH_STREAMS, Truth, position_of, rates_of, truth_of
 from sim_bridge.drive.links.ports import Address, Listener, Reader
 from sim_bridge.drive.links.router import HEARD, AutopilotSockets, Router
 from sim_bridge.judge.estimate_errors import EstimateErrors
@@ -25,6 +25,8 @@ BRIDGE_COMPONENT = 240  # MAV_COMP_ID_UDP_BRIDGE
 STREAMS_HZ = {dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 20.0, dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5.0}
 ATTITUDE_HZ = 20.0  # for the obstacle sensors
 SILENT_S = 3.0  # three heartbeats
+DOWN_WITHIN_M = 0.1  # of the height at which it stood last, and slower than this, a vehicle is down in truth
+DOWN_MPS = 0.5
 
 
 class Telemetry:
@@ -40,6 +42,8 @@ class Telemetry:
         "make",
         "position",
         "position_s",
+        "rates_radps",
+        "stood_m",
         "truth",
         "truth_s",
         "vel_ned_mps",
@@ -50,6 +54,7 @@ class Telemetry:
         self.vel_ned_mps: Vec3 = (0.0, 0.0, 0.0)
         self.position_s = -math.inf
         self.attitude_rad: Vec3 = (0.0, 0.0, 0.0)  # roll, pitch, yaw
+        self.rates_radps: Vec3 = (0.0, 0.0, 0.0)  # body p, q, r
         self.attitude_s = -math.inf
         self.heard_s = -math.inf
         self.home: Wgs84 | None = None
@@ -58,6 +63,7 @@ class Telemetry:
         self.make: int | None = None  # MAV_AUTOPILOT
         self.truth: Truth | None = None  # by its simulator
         self.truth_s = -math.inf
+        self.stood_m: float | None = None  # true altitude when the autopilot last had it on the ground
 
     def receive_message(self, m: Any, now_s: float) -> None:
         """A valid message of this autopilot; what makes no sense changes nothing of the rest."""
@@ -70,6 +76,7 @@ class Telemetry:
                 self.vel_ned_mps = (m.vx / 100.0, m.vy / 100.0, m.vz / 100.0)
             case dialect.MAVLINK_MSG_ID_ATTITUDE if math.isfinite(m.roll + m.pitch + m.yaw):
                 self.attitude_rad, self.attitude_s = (m.roll, m.pitch, m.yaw), now_s
+                self.rates_radps = rates_of(m.rollspeed, m.pitchspeed, m.yawspeed)
             case dialect.MAVLINK_MSG_ID_HOME_POSITION:
                 self.home = position_of(m.latitude, m.longitude, m.altitude / 1e3) or self.home
             case dialect.MAVLINK_MSG_ID_HEARTBEAT:
@@ -81,11 +88,21 @@ class Telemetry:
                 told = truth_of(m, self.truth, self.position, self.vel_ned_mps)
                 if told is not self.truth:
                     self.truth, self.truth_s = told, now_s
+                    if told is not None and told.has_height and self.on_ground:
+                        self.stood_m = told.position.alt_m
 
     @property
     def on_ground(self) -> bool:
         """As the autopilot has it."""
         return self.landed is LandedState.ON_GROUND or (self.landed is LandedState.UNDEFINED and not self.armed)
+
+    @property
+    def is_down(self) -> bool:
+        """On the ground by the truth, where that tells heights: an autopilot finds it a second or more after it is."""
+        truth = self.truth
+        if self.on_ground or truth is None or not truth.has_height or self.stood_m is None:
+            return self.on_ground
+        return truth.position.alt_m < self.stood_m + DOWN_WITHIN_M and math.hypot(*truth.vel_ned_mps) < DOWN_MPS
 
 
 def origin_at_home(mission: Mission, home: Wgs84) -> Mission:
@@ -166,6 +183,11 @@ class Autopilots:
         """The last that each simulator has told, where it does."""
         return {k: heard.truth for k, heard in self.telemetry.items() if heard.truth is not None}
 
+    def heights_by_estimates(self) -> list[int]:
+        """Vehicles whose hits of the ground nobody tells in time to see how hard they were."""
+        told = self.truths()
+        return [k for k in self.ids if k not in self.by_truth or not told[k].has_height]
+
     def _lacks_truth(self, vehicle_id: int, since_s: float) -> bool:
         heard = self.telemetry[vehicle_id]
         return vehicle_id in self._truth_wanted and heard.make in TRUTH_STREAMS and heard.truth_s <= since_s
@@ -226,6 +248,12 @@ class Autopilots:
         heard = self.telemetry[vehicle_id]
         told = heard.truth if vehicle_id in self.by_truth else None
         return heard.vel_ned_mps if told is None else told.vel_ned_mps
+
+    def rates(self, vehicle_id: int) -> Vec3:
+        """As `position`: body p, q, r, rad/s."""
+        heard = self.telemetry[vehicle_id]
+        told = heard.truth if vehicle_id in self.by_truth else None
+        return heard.rates_radps if told is None else told.rates_radps
 
     def missing(self, *, home_of: int | None) -> str:
         """The first vehicle that lacks something, and its lack, in words; empty: all is there."""

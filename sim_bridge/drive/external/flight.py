@@ -68,7 +68,7 @@ class ExternalFlight:
         self.over = False  # what follows is not a part of the record
         self.stand = stand = stand_of(mission, folder)
         self.radio = radio_of(mission, stand)
-        self._contacts = Contacts(stand, ground=mission.sensing is not None)
+        self._contacts = Contacts(stand, reach_m=mission.vehicle_radius_m, ground=mission.sensing is not None)
         self._touched: dict[int, Touched] = {}
         self.observer = Observer(mission, autopilots.ids, folder, self.stand)
         stack.callback(self.observer.close)
@@ -246,7 +246,7 @@ class ExternalFlight:
         for k in self._autopilots.ids:
             heard = self._autopilots.telemetry[k]
             pos_ned_m = self._autopilots.position(k)
-            what = self._contacts.find_contact(k, pos_ned_m, self._autopilots.velocity(k), on_ground=heard.on_ground)
+            what = self._contacts.find_contact(k, pos_ned_m, self._autopilots.velocity(k), on_ground=heard.is_down)
             if what is not None:
                 self._touched.setdefault(k, what)
 

@@ -68,6 +68,8 @@ def fly_external(
         flight = ExternalFlight(mission, autopilots, folder, stack, map_, black_box=external.black_box)
         for stray in strays(mission, autopilots.positions()):
             flight.note(stray)
+        if mission.sensing is not None and (unseen := autopilots.heights_by_estimates()):
+            flight.note(f"how hard these meet the ground is not seen, by estimates: {', '.join(map(str, unseen))}")
         began_flying_s = time.monotonic()
         try:
             ended = _run(flight, launched, progress)

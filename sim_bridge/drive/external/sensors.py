@@ -1,6 +1,7 @@
 """Sensors of vehicles that the bridge does not fly: they see the mission's stand, which is nowhere else.
 
-Each looks from where its vehicle is, and as tilted, by its simulator's truth; where none is told, by its autopilot.
+Each looks from where its vehicle is, as tilted and as it moves, by its simulator's truth; where none is told, by its
+autopilot.
 """
 
 from __future__ import annotations
@@ -49,7 +50,10 @@ class Sensors:
         for k in self._autopilots.ids:
             if k not in positions_ned_m:
                 continue
-            state = AirframeState(positions_ned_m[k], ZERO, attitudes.get(k, ZERO), ZERO, False, 0.0)
+            vel_ned_mps, rates_radps = self._autopilots.velocity(k), self._autopilots.rates(k)
+            state = AirframeState(
+                positions_ned_m[k], vel_ned_mps, attitudes.get(k, ZERO), rates_radps, on_ground=False, throttle=0.0
+            )
             for sensor in self._sensors:
                 if sensor.is_optical and k not in attitudes:
                     continue

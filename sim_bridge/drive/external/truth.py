@@ -33,6 +33,7 @@ class Truth:
     position: Wgs84
     vel_ned_mps: Vec3
     attitude_rad: Vec3  # roll, pitch, yaw
+    rates_radps: Vec3 = (0.0, 0.0, 0.0)  # body p, q, r
     has_height: bool = True  # False: height and velocity are the autopilot's estimates
 
 
@@ -52,19 +53,24 @@ def truth_of(m: Any, before: Truth | None, estimated: Wgs84 | None, vel_ned_mps:
     match m.get_msgId():
         case dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
             position, vel = position_of(m.lat, m.lon, m.alt / 1e3), (m.vx / 100.0, m.vy / 100.0, m.vz / 100.0)
-            attitude = _attitude_rad(m.attitude_quaternion)
+            attitude, rates = _attitude_rad(m.attitude_quaternion), rates_of(m.rollspeed, m.pitchspeed, m.yawspeed)
         case dialect.MAVLINK_MSG_ID_SIM_STATE:
             # Without the extensions (old firmware) its degrees are floats, up to 0.8 m off: not taken.
             position, vel = position_of(m.lat_int, m.lon_int, m.alt), (m.vn, m.ve, m.vd)
-            attitude = (m.roll, m.pitch, m.yaw)
+            attitude, rates = (m.roll, m.pitch, m.yaw), rates_of(m.xgyro, m.ygyro, m.zgyro)
         case dialect.MAVLINK_MSG_ID_SIMSTATE if estimated is not None and not (before and before.has_height):
             position, vel = position_of(m.lat, m.lng, estimated.alt_m), vel_ned_mps
-            attitude = (m.roll, m.pitch, m.yaw)
+            attitude, rates = (m.roll, m.pitch, m.yaw), rates_of(m.xgyro, m.ygyro, m.zgyro)
         case _:
             return before
     if position is None or attitude is None or not all(map(math.isfinite, (*vel, *attitude))):
         return before
-    return Truth(position, vel, attitude, m.get_msgId() != dialect.MAVLINK_MSG_ID_SIMSTATE)
+    return Truth(position, vel, attitude, rates, m.get_msgId() != dialect.MAVLINK_MSG_ID_SIMSTATE)
+
+
+def rates_of(p: float, q: float, r: float) -> Vec3:
+    """Body rates, rad/s, of a message; none where it has none."""
+    return (p, q, r) if math.isfinite(p + q + r) else (0.0, 0.0, 0.0)
 
 
 def _attitude_rad(wxyz: Sequence[float]) -> Vec3 | None:

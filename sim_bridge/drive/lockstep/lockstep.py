@@ -282,7 +282,8 @@ class Lockstep:
         self.drop(CompanionLostError(vehicle_id, "killed"))
 
     def join(self, companion: Companion) -> None:
-        """A companion that was started again, of a vehicle that has none."""
+        """A companion that was started again, of a vehicle that has none: what its radio got meanwhile nobody heard."""
+        self.world.radio.deliver(companion.id, self.world.now_s)
         self.lost.pop(companion.id, None)
         self._inboxes[companion.id] = Inbox()
         self.companions = dict(sorted([*self.companions.items(), (companion.id, companion)]))

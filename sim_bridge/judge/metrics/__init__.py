@@ -60,7 +60,7 @@ from sim_bridge.judge.metrics.leadership import (
     tick_lengths_s,
     visits_of,
 )
-from sim_bridge.judge.metrics.pairs import CONTACT_M, Pairs, closest, links, look_at_pairs, separation_m
+from sim_bridge.judge.metrics.pairs import CONTACT_M, Pairs, closest, in_flight, links, look_at_pairs, separation_m
 from sim_bridge.judge.metrics.places import ideal_among_trees_deg, ideals_among_trees_deg
 from sim_bridge.judge.metrics.trunks import least_box_clearance_m, least_clearance_m
 from sim_bridge.judge.recording import Recording
@@ -153,11 +153,16 @@ class Metrics:
 
 
 def measure(
-    recording: Recording, mission: Mission, stand: Stand | None = None, faults: Sequence[FaultEvent] = ()
+    recording: Recording,
+    mission: Mission,
+    stand: Stand | None = None,
+    faults: Sequence[FaultEvent] = (),
+    end_s: float | None = None,
 ) -> Metrics:
     """Every figure of the flight `recording` of `mission`, in which `faults` happened.
 
-    `stand`: the mission's, where it has been made already.
+    `stand`: the mission's, where it has been made already. `end_s`: the mission was over then, and what was recorded
+    after it is neither coverage nor early (None: nothing was).
 
     ValueError: a time or position is not finite, or time runs backwards.
     """
@@ -167,7 +172,8 @@ def measure(
     phase = swarm_phase(recording)
     stand = stand_of(mission) if stand is None else stand
     pairs = look_at_pairs(recording, mission, range_share(mission.sim, stand))
-    transit, coverage = phase == SwarmPhase.TRANSIT, phase == SwarmPhase.COVERAGE
+    in_time = time_s <= (np.inf if end_s is None else end_s)
+    transit, coverage = phase == SwarmPhase.TRANSIT, (phase == SwarmPhase.COVERAGE) & in_time
     under_way = transit | coverage
     if mission.route.stops:  # what is said of coverage is said of d2
         coverage &= visits_of(recording) == len(mission.visits) - 1
@@ -175,9 +181,10 @@ def measure(
     connected, lambda2 = connectivity(recording, pairs, transit)
     came = arrival(recording, mission, connected)
     covered = coverage_figures(recording, mission, coverage, partial(ideals_among_trees_deg, mission, stand))
-    apart = partings(time_s, _in_touch(recording, pairs, connected, faults), under_way)
+    heard = without_cut_links(pairs, time_s, faults)
+    apart = partings(time_s, _in_touch(recording, pairs, heard, connected), under_way)
     ran_into = {what: int((recording.touched[-1:] == code).sum()) for code, what in enumerate(TOUCHED)}
-    collisions = max(pairs.contacts, (ran_into["vehicle"] + 1) // 2)  # the bridge also looks between ticks
+    collisions = max(len(pairs.touches), (ran_into["vehicle"] + 1) // 2)  # the bridge also looks between ticks
     acting = recording.acting & recording.agent_alive
     leaders = acting.sum(axis=1)
     return Metrics(
@@ -187,7 +194,7 @@ def measure(
         armed=_ids(recording.armed[-1:]),
         aloft=_ids(~recording.on_ground[-1:]),
         strayed=strayed(recording, mission),
-        landed_early=_landed_early(recording),
+        landed_early=_landed_early(recording, mission, in_time),
         arrived=came.last_s is not None,
         visited=visited(recording, mission),
         absent=came.absent,
@@ -224,7 +231,7 @@ def measure(
         uncovering=covered.uncovering,
         acting_leaders_max=int(leaders.max(initial=0)),
         acting_leaders_overlap_s=float(tick_lengths_s(time_s)[leaders > 1].sum()),
-        leaders_together_s=longest_s(time_s, leaders_together(recording, pairs, _cut_off(time_s, faults))),
+        leaders_together_s=longest_s(time_s, leaders_together(recording, heard)),
         leader_changes=int(np.count_nonzero(np.diff(acting.argmax(axis=1)[leaders > 0]))),
         leaderless_max_s=longest_s(
             time_s, (leaders == 0) & (phase >= SwarmPhase.TRANSIT) & (phase <= SwarmPhase.COVERAGE)
@@ -241,17 +248,8 @@ def with_columns(recording: Recording, n: int) -> Recording:
     return Recording(**{name: value.reshape(shapes.get(name, (0, n))) for name, value in values.items()})
 
 
-def _cut_off(time_s: Floats, faults: Sequence[FaultEvent]) -> Bools:
-    """(T,) a fault cuts the radios of some off from the others."""
-    cut = np.zeros(time_s.shape, dtype=np.bool_)
-    for fault in _cuts(faults):
-        cut |= _lasts(fault, time_s)
-    return cut
-
-
-def _in_touch(recording: Recording, pairs: Pairs, connected: Bools, faults: Sequence[FaultEvent]) -> Bools:
-    """(T,) all alive vehicles are one component of G without the links that faults cut; `connected`: of all of G."""
-    heard = without_cut_links(pairs, recording.time_s, faults)
+def _in_touch(recording: Recording, pairs: Pairs, heard: Pairs, connected: Bools) -> Bools:
+    """(T,) all alive vehicles are one component of G with the links `heard`; `connected`: with all of `pairs`."""
     if np.array_equal(heard.links, pairs.links):
         return connected
     return connectivity(recording, heard, np.zeros(connected.shape, np.bool_))[0]
@@ -260,14 +258,12 @@ def _in_touch(recording: Recording, pairs: Pairs, connected: Bools, faults: Sequ
 def without_cut_links(pairs: Pairs, time_s: Floats, faults: Sequence[FaultEvent]) -> Pairs:
     """`pairs` of the ticks at `time_s` without the links that partitions cut while they last."""
     links = pairs.links.copy()
-    for fault in _cuts(faults):
+    for fault in faults:
+        if fault.kind is not FaultKind.PARTITION:
+            continue
         cut = np.isin(pairs.first + 1, fault.vehicles) != np.isin(pairs.second + 1, fault.vehicles)
         links[np.ix_(_lasts(fault, time_s), cut)] = False
     return dataclasses.replace(pairs, links=links)
-
-
-def _cuts(faults: Sequence[FaultEvent]) -> list[FaultEvent]:
-    return [fault for fault in faults if fault.kind is FaultKind.PARTITION]
 
 
 def _lasts(fault: FaultEvent, time_s: Floats) -> Bools:
@@ -293,10 +289,14 @@ def _contacts_steered(recording: Recording) -> int:
     return int(begins.any(axis=0).sum())
 
 
-def _landed_early(recording: Recording) -> tuple[int, ...]:
-    has_flown = (~recording.on_ground).any(axis=0)
-    down = recording.on_ground[-1:] & recording.agent_alive[-1:] & has_flown
-    return _ids(down & (recording.phase[-1:] < SwarmPhase.LAND))
+def _landed_early(recording: Recording, mission: Mission, in_time: Bools) -> tuple[int, ...]:
+    """By what each announced when it was down: later, on the ground, it takes a phase from the others' beacons."""
+    ticks = np.arange(len(recording.time_s))[:, None]
+    last_flight = np.where(in_flight(recording, mission), ticks, -1).max(axis=0, initial=-1)
+    has_flown = np.logical_or.accumulate(~recording.on_ground, axis=0)
+    has_landed = np.maximum.accumulate(recording.phase, axis=0) >= SwarmPhase.LAND
+    down = recording.on_ground & recording.agent_alive & has_flown & ~has_landed & (ticks > last_flight)
+    return _ids(down[in_time].any(axis=0, keepdims=True))
 
 
 def _level_speeds_mps(recording: Recording, wanted: Bools) -> Floats:

@@ -103,9 +103,9 @@ FIGURES: Final[tuple[Figure, ...]] = (
     Figure(
         "landed_early",
         "ids",
-        "Ids of the vehicles alive and on the ground in the last tick that had flown, and had announced no phase "
-        "LAND: they came down for a reason of their own (no majority, an order, the battery), not at the "
-        "mission's end.",
+        "Ids of the vehicles that had flown, and were on the ground, alive, before they had announced the phase LAND, "
+        "and did not fly again: they came down for a reason of their own (no majority, an order, the battery), not at "
+        "the mission's end.",
     ),
     Figure(
         "sim_time_s",
@@ -201,7 +201,8 @@ FIGURES: Final[tuple[Figure, ...]] = (
     Figure(
         "contacts_vehicles",
         "",
-        "Times that two vehicles came closer than 0.7 m, centre to centre (hulls of 0.35 m touch), with one of them "
+        "Times that two vehicles came closer than 0.7 m, centre to centre (hulls of 0.35 m touch; the mission's "
+        "sensing.vehicle_radius_m, where it has one), with one of them "
         "airborne. A contact counts once for as long as it lasts. In the bridge both fall and are lost.",
         better=LESS,
         title="contacts between vehicles",
@@ -209,7 +210,8 @@ FIGURES: Final[tuple[Figure, ...]] = (
     Figure(
         "contacts_trunks",
         "",
-        "Vehicles that came closer than 0.35 m to the surface of a trunk, below its top and off the ground. In "
+        "Vehicles that came closer than 0.35 m (sensing.vehicle_radius_m) to the surface of a trunk, below its top and "
+        "off the ground. In "
         "the bridge such a vehicle falls and is lost; the first thing that one runs into counts, and nothing "
         "after it.",
         better=LESS,
@@ -376,7 +378,7 @@ FIGURES: Final[tuple[Figure, ...]] = (
     Figure(
         "leaders_together_s",
         "s",
-        "Longest time that two acting leaders were in one component of G; not while a fault cuts radios off.",
+        "Longest time that two acting leaders were in one component of G without the links that faults cut.",
         better=LESS,
         title="two leaders in one part",
     ),

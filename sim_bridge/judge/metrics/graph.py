@@ -46,14 +46,14 @@ def _distinct(rows: NDArray[np.bool_ | np.uint8]) -> tuple[list[int], NDArray[np
     return first.tolist(), which
 
 
-def leaders_together(recording: Recording, pairs: Pairs, cut_off: Bools) -> Bools:
-    """(T,) two acting leaders are in one component of G; not while radios are `cut_off` (T,) on purpose."""
+def leaders_together(recording: Recording, heard: Pairs) -> Bools:
+    """(T,) two acting leaders are in one component of G; `heard`: without the links that faults cut."""
     acting = recording.acting & recording.agent_alive
     together = np.zeros(len(acting), dtype=np.bool_)
     n = acting.shape[1]
-    for tick in np.flatnonzero((acting.sum(axis=1) > 1) & ~cut_off).tolist():
+    for tick in np.flatnonzero(acting.sum(axis=1) > 1).tolist():
         adjacency = np.zeros((n, n), dtype=np.bool_)
-        adjacency[pairs.first, pairs.second] = adjacency[pairs.second, pairs.first] = pairs.links[tick]
+        adjacency[heard.first, heard.second] = adjacency[heard.second, heard.first] = heard.links[tick]
         leaders = np.flatnonzero(acting[tick]).tolist()
         together[tick] = any(_reached(adjacency, one)[leaders].sum() > 1 for one in leaders[:-1])
     return together

@@ -15,7 +15,7 @@ from sim_bridge.judge.recording import Recording
 from sim_bridge.trunk_attenuation import RangeShare
 
 # Two level F450 (0.45 m between opposite motors, 10 in propellers) touch at 0.70 m arm against arm: the hulls of 0.35 m
-# that trunks are judged by
+# that trunks are judged by, where the mission has no `sensing.vehicle_radius_m` of its own
 CONTACT_M = 0.7
 PAIRS_AT_ONCE = 1_000_000  # bounds memory to tens of megabytes, whatever n and T
 
@@ -29,7 +29,11 @@ class Pairs:
     links: Bools  # (T, P) linked in G
     separation_m: Floats  # (T,) least separation of two vehicles in flight; inf: fewer than two
     nearest: Ints  # (T,) which pair that is
-    contacts: int
+    touches: Ints  # (C, 2) tick and pair of each contact, where it begins
+
+    def ids(self, pair: int) -> tuple[int, int]:
+        """Of the two vehicles of a pair."""
+        return int(self.first[pair]) + 1, int(self.second[pair]) + 1
 
 
 def separation_m(recording: Recording, mission: Mission) -> Floats:
@@ -70,8 +74,9 @@ def look_at_pairs(
     nearest = np.zeros(ticks, dtype=np.intp)
     flying = in_flight(recording, mission) if flying is None else flying
     touched = np.zeros((1, len(first)), dtype=np.bool_)  # in the tick before
-    contacts = 0
+    touches = [np.zeros((0, 2), np.intp)]
     layered = len(list_layers(mission)) > 1
+    contact_m = 2.0 * mission.vehicle_radius_m
     for at in _chunks(ticks, len(first)):
         distance_m = _distance_m(recording, at, first, second)
         linked[at] = _linked(recording, at, first, second, distance_m, share)
@@ -82,10 +87,11 @@ def look_at_pairs(
             nearest[at] = apart_m.argmin(axis=1)
             least_m[at] = apart_m.min(axis=1)
         both_ground = recording.on_ground[at][:, first] & recording.on_ground[at][:, second]
-        touching = (distance_m < CONTACT_M) & ~both_ground
-        contacts += _rises(np.concatenate((touched, touching)))
+        touching = (distance_m < contact_m) & ~both_ground
+        before = np.concatenate((touched, touching[:-1]))
+        touches.append(np.argwhere(touching & ~before) + np.array((at.start, 0)))
         touched = touching[-1:]
-    return Pairs(first, second, linked, least_m, nearest, contacts)
+    return Pairs(first, second, linked, least_m, nearest, np.concatenate(touches))
 
 
 def closest(recording: Recording, pairs: Pairs) -> tuple[tuple[int, ...], float | None]:
@@ -93,8 +99,7 @@ def closest(recording: Recording, pairs: Pairs) -> tuple[tuple[int, ...], float 
     if not np.isfinite(pairs.separation_m).any():
         return (), None
     tick = int(pairs.separation_m.argmin())
-    pair = pairs.nearest[tick]
-    return (int(pairs.first[pair]) + 1, int(pairs.second[pair]) + 1), float(recording.time_s[tick])
+    return pairs.ids(pairs.nearest[tick]), float(recording.time_s[tick])
 
 
 def nearest_of_each(recording: Recording, mission: Mission) -> list[tuple[float, int, float] | None]:
@@ -152,11 +157,6 @@ def _linked(
     in_range: Bools = distance_m <= np.minimum(range_m[:, first], range_m[:, second])
     linked: Bools = in_range & able[:, first] & able[:, second]
     return linked if share is None else unhidden(recording, at, (first, second), linked, distance_m, share)
-
-
-def _rises(flag: Bools) -> int:
-    """Number of times that a column of `flag` (T, ...) turns true from one row to the next."""
-    return int(np.count_nonzero(flag[1:] & ~flag[:-1]))
 
 
 def _chunks(ticks: int, per_tick: int) -> Iterator[slice]:

@@ -12,16 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.survey.observation import STEM_KIND, Grade, StemObservation, decode
-from companion.survey.track import TRACK_KIND, TrackPoint, decode_track
 from mission.document.model import Mission
 from mission.schema.trees import StandTree
 from mission.stand.stand import Stand
+from sim_bridge.judge.recording import Recording
 
 Floats = NDArray[np.float64]
+Place = tuple[float, float]  # north, east, m
 DBH_LEAST_M: Final = 0.10  # thinner trees are not counted, as inventories do
 PASSED_SHARE: Final = 0.85  # of the reach: what stays farther off is seen on a few scans only
 NEAR_M: Final = 1.2  # from a measured stem to the tree that it is: wrong by its frame, at most
 THIN_M: Final = 0.07  # and that tree's least diameter: a stem that is taken for one of 10 cm is not false
+LOOKS_HZ: Final = 4.0  # at the way flown
 BESIDE_S: Final = 15.0  # stems measured within so much of each other share the error of their frame
 
 TITLES: Final = {  # of those that studies compare
@@ -40,7 +42,8 @@ class StemFigures:
 
     stems_passed: Annotated[
         int,
-        "Trees of 10 cm DBH or more whose axis came within 85 % of the survey's reach of a vehicle in the air.",
+        "Trees of 10 cm DBH or more whose axis came within 85 % of the survey's reach of a vehicle in the air whose "
+        "companion answered: by true places, whatever was recorded.",
     ]
     stems_found: Annotated[int, "Of these, trees of which a vehicle has a measurement that is GOOD or FAIR."]
     stems_found_share: Annotated[float | None, "`stems_found` over `stems_passed`."]
@@ -85,12 +88,12 @@ def definitions() -> dict[str, str]:
 
 
 def measure_stems(
-    records: Mapping[int, Sequence[tuple[int, bytes]]], mission: Mission, stand: Stand
+    records: Mapping[int, Sequence[tuple[int, bytes]]], recording: Recording, mission: Mission, stand: Stand
 ) -> StemFigures | None:
-    """Figures of the records of vehicles, by id; None for a mission without [survey]."""
+    """Figures of the records of vehicles, by id; None for a mission without [survey]. `recording`: their flight."""
     if mission.survey is None:
         return None
-    found, passed = match_stems(records, stand)
+    found, passed = match_stems(records, recording, mission, stand)
     thick = [stem for stem in found if stem.observation.dbh_m >= DBH_LEAST_M]
     seen = {(tree.north_m, tree.east_m) for tree, _ in passed}
     real = [stem for stem in found if stem.tree is not None and 2.0 * stem.tree.radius_m >= DBH_LEAST_M]
@@ -114,26 +117,22 @@ def measure_stems(
 
 
 def match_stems(
-    records: Mapping[int, Sequence[tuple[int, bytes]]], stand: Stand
+    records: Mapping[int, Sequence[tuple[int, bytes]]], recording: Recording, mission: Mission, stand: Stand
 ) -> tuple[list[MeasuredStem], list[tuple[StandTree, float]]]:
     """GOOD and FAIR stems with their trees; and trees of 10 cm or more that were passed, how far off."""
     stems: list[StemObservation] = []
-    tracks: list[TrackPoint] = []
     for vehicle_id, kept in records.items():
         for kind, body in kept:
             stem = decode(body, vehicle_id) if kind == STEM_KIND else None
-            point = decode_track(body, vehicle_id) if kind == TRACK_KIND else None
             if stem is not None and stem.grade is not Grade.POOR:
                 stems.append(stem)
-            if point is not None:
-                tracks.append(point)
-    passed = [(tree, away_m) for tree in stand.trees if (away_m := _passed_m(tree, tracks)) is not None]
-    away = {(tree.north_m, tree.east_m): away_m for tree, away_m in passed}
+    away = _passed_m(recording, mission, stand)
     found = [_matched(stem, stand, away) for stem in stems]
-    return found, [(tree, away_m) for tree, away_m in passed if 2.0 * tree.radius_m >= DBH_LEAST_M]
+    thick = [tree for tree in stand.trees if 2.0 * tree.radius_m >= DBH_LEAST_M]
+    return found, [(tree, away[place]) for tree in thick if (place := (tree.north_m, tree.east_m)) in away]
 
 
-def _matched(stem: StemObservation, stand: Stand, away_m: Mapping[tuple[float, float], float]) -> MeasuredStem:
+def _matched(stem: StemObservation, stand: Stand, away_m: Mapping[Place, float]) -> MeasuredStem:
     """The nearest tree that is thick enough."""
     near = [
         tree
@@ -147,26 +146,20 @@ def _matched(stem: StemObservation, stand: Stand, away_m: Mapping[tuple[float, f
     return MeasuredStem(stem, tree, off_ne_m, away_m.get((tree.north_m, tree.east_m), math.inf))
 
 
-def _passed_m(tree: StandTree, tracks: Sequence[TrackPoint]) -> float | None:
-    """Least distance of a vehicle's way from a tree; None: it stayed beyond its reach, or farther than counts."""
-    least: float | None = None
-    for k in range(len(tracks)):
-        here, before = tracks[k], tracks[k - 1] if k else tracks[k]
-        if before.vehicle_id != here.vehicle_id:
-            before = here
-        away_m = _from_way_m(tree, (before.north_m, before.east_m), (here.north_m, here.east_m))
-        if away_m <= PASSED_SHARE * here.range_m and (least is None or away_m < least):
-            least = away_m
-    return least
-
-
-def _from_way_m(tree: StandTree, a: tuple[float, float], b: tuple[float, float]) -> float:
-    n, e = b[0] - a[0], b[1] - a[1]
-    length2 = n * n + e * e
-    share = 0.0
-    if length2 > 0.0:
-        share = min(1.0, max(0.0, ((tree.north_m - a[0]) * n + (tree.east_m - a[1]) * e) / length2))
-    return math.hypot(tree.north_m - a[0] - share * n, tree.east_m - a[1] - share * e)
+def _passed_m(recording: Recording, mission: Mission, stand: Stand) -> dict[Place, float]:
+    """By a tree's place how near a vehicle came that could measure it; without those that all stayed too far from."""
+    assert mission.survey is not None
+    assert mission.sensing is not None
+    reach_m = PASSED_SHARE * min(mission.survey.reach_m, mission.sensing.range_m)
+    least_m: dict[Place, float] = {}
+    rows = np.flatnonzero(np.diff(np.floor(recording.time_s * LOOKS_HZ), prepend=-1.0))
+    surveys = (recording.agent_alive & ~recording.on_ground)[rows]
+    for north_m, east_m in recording.pos_ned_m[rows][surveys][:, :2].tolist():
+        for tree in stand.near(east_m, north_m, reach_m):
+            place, away_m = (tree.north_m, tree.east_m), math.hypot(tree.north_m - north_m, tree.east_m - east_m)
+            if away_m <= min(reach_m, least_m.get(place, math.inf)):
+                least_m[place] = away_m
+    return least_m
 
 
 def _beside(stems: Sequence[MeasuredStem], off_ne: Floats) -> Floats:

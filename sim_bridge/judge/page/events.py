@@ -10,7 +10,8 @@ import numpy as np
 from companion.core.model.states import SwarmPhase
 from sim_bridge.judge.export.telemetry import AUTOPILOT, Telemetry
 from sim_bridge.judge.fault_events import SILENCING, FaultEvent
-from sim_bridge.judge.metrics import CONTACT_M, Bools, Floats, acting_leader, swarm_phase
+from sim_bridge.judge.metrics import Bools, acting_leader, swarm_phase
+from sim_bridge.judge.metrics.pairs import Pairs, closest
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.tick import OBSTACLES, TOUCHED
 
@@ -46,16 +47,16 @@ def events(
     telemetry: Mapping[int, Telemetry],
     *,
     connected: Bools,
-    separation_m: Floats,
+    pairs: Pairs,
     ended: str | None,
 ) -> list[Event]:
-    """In the order of time. `connected`, `separation_m`: (T,) of the same ticks as `recording`; inf: no pair flies."""
+    """In the order of time. `connected` (T,), `pairs`: of the same ticks as `recording`."""
     found = [
         *_faults(faults),
         *elections(recording, faults, telemetry),
         *phases(recording),
         *_losses(recording, faults),
-        *_closeness(recording, separation_m),
+        *_closeness(recording, pairs),
         *_partings(recording, connected),
         *_texts(telemetry),
     ]
@@ -136,27 +137,15 @@ def _losses(recording: Recording, faults: Sequence[FaultEvent]) -> Iterator[Even
             yield Event(float(recording.time_s[silent[0]]), "lost", (column + 1,), text)
 
 
-def _closeness(recording: Recording, separation_m: Floats) -> Iterator[Event]:
+def _closeness(recording: Recording, pairs: Pairs) -> Iterator[Event]:
     """Events of the flight's closest approach, and of each time that two vehicles touched."""
-    if not np.isfinite(separation_m).any():
-        return
-    touching = separation_m < CONTACT_M
-    for row in np.flatnonzero(np.diff(touching.astype(np.int8), prepend=0) == 1).tolist():
-        pair = _closest(recording, row)
-        yield Event(float(recording.time_s[row]), "contact", pair, f"vehicles {pair[0]} and {pair[1]} touch")
-    row = int(np.argmin(separation_m))
-    pair = _closest(recording, row)
-    text = f"closest of the flight: {pair[0]} and {pair[1]}, {separation_m[row]:.1f} m apart"
-    yield Event(float(recording.time_s[row]), "closest", pair, text)
-
-
-def _closest(recording: Recording, row: int) -> tuple[int, int]:
-    """Ids of the two airborne vehicles that are nearest to each other."""
-    up = np.flatnonzero(~recording.on_ground[row])
-    first, second = np.triu_indices(len(up), k=1)
-    pos_ned_m = recording.pos_ned_m[row, up]
-    least = int(np.argmin(np.linalg.norm(pos_ned_m[first] - pos_ned_m[second], axis=1)))
-    return int(up[first[least]]) + 1, int(up[second[least]]) + 1
+    for tick, pair in pairs.touches.tolist():
+        one, other = pairs.ids(pair)
+        yield Event(float(recording.time_s[tick]), "contact", (one, other), f"vehicles {one} and {other} touch")
+    who, at_s = closest(recording, pairs)
+    if at_s is not None:
+        text = f"closest of the flight: {who[0]} and {who[1]}, {pairs.separation_m.min():.1f} m apart"
+        yield Event(at_s, "closest", who, text)
 
 
 def _partings(recording: Recording, connected: Bools) -> Iterator[Event]:

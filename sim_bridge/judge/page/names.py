@@ -31,6 +31,7 @@ TITLES: Final = {
     "uncovering": "vehicles that did not cover",
     "acting_leaders_overlap_s": "time with several acting leaders, s",
     "beacons_lost": "beacons lost, of each vehicle, %",
+    "end_s": "the mission was over at, s",
     "trace_hash": "hash of the flight",
     "mission_sha256": "SHA-256 of the mission as flown",
     "wall_time_s": "took on this machine, s",

@@ -92,9 +92,7 @@ def replay(
     pairs = look_at_pairs(shown, mission, range_share(mission.sim, stand))
     pairs = without_cut_links(pairs, shown.time_s, faults)
     connected, lambda2 = connectivity(shown, pairs, np.ones(len(rows), np.bool_))
-    happened = events(
-        shown, faults, reported, connected=connected, separation_m=pairs.separation_m, ended=verdict.ended
-    )
+    happened = events(shown, faults, reported, connected=connected, pairs=pairs, ended=verdict.ended)
     return {
         **head(mission, stand, title),
         "verdict": {"text": verdict.text, "succeeded": verdict.succeeded},

@@ -16,7 +16,7 @@ from mission.document.model import Mission, Personality
 from mission.schema.kinds import FaultKind
 from sim_bridge.drive.fly import Flight
 from sim_bridge.judge.tick import Tick
-from sim_bridge.judge.verdict import HARMLESS, Grade
+from sim_bridge.judge.verdict import HARMLESS, LOSSES, Grade
 from sim_bridge.lab.search.authority import Authority
 from sim_bridge.world.autopilot import CopterMode, Px4Mode
 
@@ -44,8 +44,7 @@ SAMPLED_S: Final = 1.0
 ALONE_S: Final = 5.0  # after its companion has ended a vehicle has braked, by its autopilot's failsafe
 ALONE_MPS: Final = 2.0
 ALONE_FOR_S: Final = 3.0  # a position that jumps back is flown to in less
-# Nothing mends these, and the others go on; the others are to change nothing
-PASSED_BY: Final = (FaultKind.KILL, FaultKind.MOTOR, FaultKind.PILOT, *HARMLESS)
+PASSED_BY: Final = (*LOSSES, *HARMLESS)  # they are no reason to wait
 
 
 class Invariant(ABC):

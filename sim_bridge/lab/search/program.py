@@ -51,9 +51,9 @@ def run(args: argparse.Namespace) -> int:
     try:
         rows = _campaign(args, entrant, folder, errors)
         (folder / SUMMARY).write_text(summary.markdown(rows), encoding="utf-8")
-        page.write(folder, [row for row in rows if "sim_time_s" in row], [], "search")
+        page.write(folder, rows, [], "search")
         failed = summary.failures(rows)
-        for row in failed[: args.shrink]:
+        for row in [row for row in failed if row.get("causes")][: args.shrink]:  # what never ended has none to keep to
             _shrink(row, args, entrant, folder, errors)
     except KeyboardInterrupt:
         errors.print(f"interrupted: the same command goes on from {folder / ROWS}")
@@ -163,6 +163,7 @@ def _shrink(row: engine.Row, args: argparse.Namespace, entrant: Entrant, folder:
     with Signs(errors.file).working(progress):
         small, signed = shrink(
             drawn.mission,
+            row["grade"],
             row["causes"][0],
             on_jsbsim=on_jsbsim,
             entrant=entrant,

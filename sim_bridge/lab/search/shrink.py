@@ -43,6 +43,7 @@ PLAIN: dict[str, Any] = {  # keys of [sim] with the value that hides nothing
 
 def shrink(
     mission: Mission,
+    grade: str,
     cause: str,
     *,
     on_jsbsim: bool,
@@ -52,7 +53,7 @@ def shrink(
     report_progress: Callable[[str], None] = lambda _: None,
     note_flight: Callable[[], None] = lambda: None,
 ) -> tuple[Mission, bool]:
-    """The smallest that was found within `most_flights`, and still fails by `cause` first; whether it is signed.
+    """The smallest that was found within `most_flights`, and fails by `cause` first, as badly; whether it is signed.
 
     report_progress: is told of each that is smaller. note_flight: is called after each flight.
     """
@@ -66,7 +67,7 @@ def shrink(
             left -= 1
             row = fly_to_row(smaller, on_jsbsim=on_jsbsim, entrant=entrant, signed=with_keys)
             note_flight()
-            if row["causes"][:1] == [cause]:
+            if (row["grade"], row["causes"][:1]) == (grade, [cause]):  # the grade, too: what is explained is no failure
                 report_progress(f"{what}: still {row['verdict']}")
                 mission, signed, changed = smaller, with_keys, True
                 break

@@ -10,23 +10,27 @@ from typing import Any
 from sim_bridge.judge.verdict import Grade
 from sim_bridge.lab.search.draw import VERSION
 from sim_bridge.lab.search.flight import CAUSES
+from sim_bridge.lab.study.case import Backend
+from sim_bridge.lab.study.results.page import NEVER_ENDED
 
 Row = dict[str, Any]
+STILL_AIR = " Flown by point masses, in still air: no wind of theirs was flown, and no fault of wind fired."
 
 
 def failures(rows: Sequence[Row]) -> list[Row]:
-    """Rows that did neither arrive nor are explained by their faults; the unsafe ones first."""
-    bad = [row for row in rows if row.get("grade") in (Grade.UNSAFE, Grade.INCOMPLETE)]
-    return sorted(bad, key=lambda row: (row["grade"] != Grade.UNSAFE, row["seed"]))
+    """Rows that did neither arrive nor are explained by their faults, or never ended; the unsafe ones first."""
+    bad = [row for row in rows if row.get("grade") not in (Grade.ARRIVED, Grade.DEGRADED)]
+    return sorted(bad, key=lambda row: (row.get("grade") != Grade.UNSAFE, row["seed"]))
 
 
 def markdown(rows: Sequence[Row]) -> str:
     """All tables."""
+    still = STILL_AIR if any(row.get("backend") == Backend.AGENTS for row in rows) else ""
     return "\n".join(
         [
             *_grades(rows),
             "",
-            f"Missions as drawn by version {VERSION}.",
+            f"Missions as drawn by version {VERSION}.{still}",
             "",
             *_causes(rows),
             "",
@@ -39,11 +43,12 @@ def markdown(rows: Sequence[Row]) -> str:
 
 
 def _grades(rows: Sequence[Row]) -> Iterator[str]:
-    yield "| flights | " + " | ".join(grade.value for grade in Grade) + " | simulated time, median (longest), s |"
-    yield "|---|" + "---|" * (len(Grade) + 1)
+    columns = [*(grade.value for grade in Grade), *([NEVER_ENDED] * any("grade" not in row for row in rows))]
+    yield "| flights | " + " | ".join(columns) + " | simulated time, median (longest), s |"
+    yield "|---|" + "---|" * (len(columns) + 1)
     for name, group in _groups(rows):
-        counts = Counter(row.get("grade") for row in group)
-        shares = " | ".join(_share(counts[grade], len(group)) for grade in Grade)
+        counts = Counter(row.get("grade", NEVER_ENDED) for row in group)
+        shares = " | ".join(_share(counts[column], len(group)) for column in columns)
         yield f"| {name}: {len(group)} | {shares} | {_times(group)} |"
 
 
@@ -100,4 +105,5 @@ def _failures(rows: Sequence[Row]) -> Iterator[str]:
     yield "| seed | vehicles | simulated time, s | verdict |"
     yield "|---|---|---|---|"
     for row in failures(rows):
-        yield f"| {row['seed']} | {row['n']} | {time_of(row)} | {row['verdict']} |"
+        what = row.get("verdict") or f"{NEVER_ENDED}: {row['error']}"
+        yield f"| {row['seed']} | {row['n']} | {time_of(row)} | {what} |"

@@ -15,9 +15,9 @@ from pydantic import BaseModel
 from mission.common.problems import MissionError, Problem, dotted, shown
 from mission.document import simulator
 from mission.document.load import load_document
-from mission.document.model import Estimates, Mission
+from mission.document.model import Estimates, Mission, Sim
 from mission.schema.check import LineOf, validated
-from mission.schema.kinds import SensorClass
+from mission.schema.kinds import FaultKind, SensorClass
 from sim_bridge.drive.entrant.installed import installed_names
 from sim_bridge.drive.entrant.law import LawError, find_law, load_law
 from sim_bridge.drive.entrant.stages import Entrant
@@ -28,6 +28,10 @@ from sim_bridge.lab.study.results.must import STATISTICS
 from sim_bridge.lab.study.spec import ESTIMATES, OURS, SEED, Run, Study, Tables
 
 MAX_CASES = 100_000
+CALM = Sim()
+AIR = ("wind_mps", "turbulence_mps")  # in which no point mass flies
+ERRORS = ("estimates", "velocity_bias_mps", "climb_bias_mps", "estimate_delay_s", "drag")  # that a law alone has not
+ERRORS_AMONG_TREES = ("position_noise_m", "velocity_noise_mps")  # that it has among trees
 LIMITABLE = {figure.name: figure for figure in FLIGHT}  # what a run may set limits to
 
 
@@ -139,6 +143,7 @@ class Reader:
                     must = "has a stem map: studies fly stands that are grown, [forest.stand]"
                     raise self._refused(named_at, file, must)
                 self._check_law(run, mission, file, at)
+                self._check_unflown(run, mission, file, at)
                 if run.backend is Backend.POINT_MASS and mission.flies_by_ranges:
                     must = f"flies with GNSS on all, and {file} does not: must be agents or jsbsim"
                     raise self._refused((*at, "backend"), run.backend, must)
@@ -164,10 +169,11 @@ class Reader:
 
     def _check_law(self, run: Run, mission: Mission, file: str, at: tuple[str | int, ...]) -> None:
         among_trees = mission.sensing is not None
-        if run.backend is not Backend.POINT_MASS and run.gusts_mps:
-            raise self._refused(
-                (*at, "gusts_mps"), run.gusts_mps, "point masses alone have them: use sim.turbulence_mps"
-            )
+        if run.gusts_mps and (run.backend is not Backend.POINT_MASS or not among_trees):
+            why = f"point masses among trees alone have them, and {file} has no [sensing]"
+            if run.backend is not Backend.POINT_MASS:
+                why = 'point masses among trees alone have them: use sim.turbulence_mps with backend = "jsbsim"'
+            raise self._refused((*at, "gusts_mps"), run.gusts_mps, why)
         if run.backend is not Backend.POINT_MASS:
             return
         if mission.sensing is not None and mission.sensing.sensor is not SensorClass.SECTORS:
@@ -180,6 +186,23 @@ class Reader:
             raise self._refused((*at, "law"), run.law, f"passes no trees, and {file} has [sensing]")
         if not among_trees and hasattr(module, "stage"):
             raise self._refused((*at, "law"), run.law, f"is for trees that are seen, and {file} has no [sensing]")
+
+    def _check_unflown(self, run: Run, mission: Mission, file: str, at: tuple[str | int, ...]) -> None:
+        """Refuses errors and wind that the backend would leave out without a word."""
+        sim = mission.sim
+        unflown: list[str] = []
+        if run.backend is not Backend.JSBSIM:
+            unflown += [key for key in AIR if getattr(sim, key) != getattr(CALM, key)]
+            unflown += ["faults of wind"] if any(fault.kind is FaultKind.WIND for fault in sim.faults) else []
+        must = "jsbsim" if unflown else "agents or jsbsim"
+        if run.backend is Backend.POINT_MASS:
+            errors = ERRORS if mission.sensing is not None else (*ERRORS, *ERRORS_AMONG_TREES)
+            unflown += [key for key in errors if getattr(sim, key) not in (None, 0.0, getattr(CALM, key))]
+        if unflown:
+            told = ", ".join(key if " " in key else f"sim.{key}" for key in unflown)
+            raise self._refused(
+                (*at, "backend"), run.backend.value, f"flies without {told}, which {file} has: must be {must}"
+            )
 
     def _seeds(
         self,

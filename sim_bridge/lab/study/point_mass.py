@@ -22,7 +22,7 @@ from companion.core.swarm.phases import DWELL_S, GATHER_LIMIT_S, Phases
 from companion.core.vehicle.flight import SETTLED_MPS
 from mission.common.frames import Vec3, ned_to_enu
 from mission.document.model import Mission
-from sim_bridge.judge.metrics import CONTACT_M, gathered_within_m
+from sim_bridge.judge.metrics import gathered_within_m
 from sim_bridge.lab.study.law import Bools, Floats, Law, View
 from sim_bridge.world.world import spawn_points
 
@@ -178,7 +178,7 @@ class Swarm:
         range_m = self.mission.radio.transit_range_m
         least_m = distance_m.min(axis=(1, 2))
         self._least_m = np.where(flying, np.minimum(self._least_m, least_m), self._least_m)
-        touching = distance_m < CONTACT_M
+        touching = distance_m < 2.0 * self.mission.vehicle_radius_m
         if touching.any() or self._touching.any():
             new = (touching & ~self._touching).sum(axis=(1, 2)) // 2
             self._contacts += np.where(flying, new, 0)

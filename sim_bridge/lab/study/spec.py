@@ -27,7 +27,9 @@ class Run(Table):
     A key in `set` is not crossed by the study's `cross`.
     """
 
-    name: Annotated[Text, Field(min_length=1, max_length=60, description="For people: heads its rows.")]
+    name: Annotated[
+        Text, Field(min_length=1, max_length=60, description="For people: heads its rows. No two runs have one.")
+    ]
     law: Annotated[
         Text,
         Field(
@@ -59,7 +61,8 @@ class Run(Table):
         dict[str, dict[str, Number]],
         Field(
             description="What each of its cases must reach: figure = { mean, worst, p95 }, any of them; p95 is what "
-            "95 % of the seeds keep. Of a figure that is to be large these are the least, of others the most."
+            "95 % of the seeds keep. Of a figure that is to be large these are the least, of others the most. A flight "
+            "that lacks a figure misses mean and worst, unless it did not arrive and the run limits `arrived`."
         ),
     ] = {}
 

@@ -44,6 +44,7 @@ SIH = {
     "fcs/down-i": SIH_DOWN_I,
     "fcs/down-drag": PROPELLER_DRAG_PER_S,
 }
+GROUND_FORCE = "forces/fbz-gear-lbs"  # of the legs and the top; in the step that first has it, it has not acted yet
 ROTORS = tuple(f"fcs/throttle-pos-norm[{rotor}]" for rotor in range(4))
 READ = (*POSITION, *VELOCITY, *ATTITUDE, *RATES, *LEGS, *ROTORS)  # after each step
 
@@ -57,7 +58,18 @@ class JsbsimQuad:
     thin. The same arguments and calls give the same states to the bit, whatever else runs.
     """
 
-    __slots__ = ("_armed", "_commands", "_fdm", "_frame", "_rate_hz", "_readers", "_run", "_state")
+    __slots__ = (
+        "_armed",
+        "_commands",
+        "_fdm",
+        "_frame",
+        "_ground_force",
+        "_hit",
+        "_rate_hz",
+        "_readers",
+        "_run",
+        "_state",
+    )
 
     def __init__(
         self,
@@ -89,12 +101,17 @@ class JsbsimQuad:
         self._armed = self._node("fcs/armed")
         self._commands = [self._node(name).set_double_value for name in COMMANDS]
         self._readers: list[Callable[[], float]] = [self._node(name).get_double_value for name in READ]
+        self._ground_force: Callable[[], float] = self._node(GROUND_FORCE).get_double_value
+        self._hit: Vec3 | None = None
         self._state: AirframeState | None = None
         self.command((0.0, 0.0, 0.0), yaw_rad)
 
     @property
     def state(self) -> AirframeState:
-        """Read from JSBSim once after each step; yaw in -pi..pi, on_ground when any leg touches."""
+        """Read from JSBSim once after each step; yaw in -pi..pi, on_ground when any leg touches.
+
+        hit_ned_mps: as it was when it first touched the ground in the last `step`, with a leg or its top.
+        """
         if self._state is None:
             self._state = self._read_state()
         return self._state
@@ -127,9 +144,12 @@ class JsbsimQuad:
         steps = round(dt_s * self._rate_hz)
         if steps < 1 or abs(steps - dt_s * self._rate_hz) > 1e-6:
             raise ValueError(f"dt_s = {dt_s}: must be a multiple of the physics step, {1 / self._rate_hz} s")
-        run = self._run
+        run, ground_force = self._run, self._ground_force
+        self._hit = None
         for _ in range(steps):
             run()
+            if self._hit is None and ground_force() != 0.0:  # a bounce is over within 40 ms
+                self._hit = self._read_velocity()
         self._state = None
 
     def _node(self, name: str) -> Any:
@@ -147,7 +167,12 @@ class JsbsimQuad:
             rates_radps=(at[9], at[10], at[11]),
             on_ground=at[12] != 0.0 or at[13] != 0.0 or at[14] != 0.0 or at[15] != 0.0,
             throttle=(at[16] + at[17] + at[18] + at[19]) / 4.0,
+            hit_ned_mps=self._hit,
         )
+
+    def _read_velocity(self) -> Vec3:
+        north, east, down = [read() * M_PER_FT for read in self._readers[3:6]]  # in the order of READ
+        return (north, east, down)
 
 
 def jsbsim_airframes(mission: Mission) -> AirframeFactory:

@@ -85,7 +85,7 @@ class PointMass:
         self._cmd_yaw_rad = yaw_rad
 
     def set_wind(self, mean_ned_mps: Vec3) -> None:
-        """It has no air about it."""
+        """It flies in still air: `World.still_air` tells, and a fault of wind strikes none."""
 
     def set_ground(self, down_m: float) -> None:
         """Sets how far below the origin the ground lies."""

@@ -18,6 +18,7 @@ class AirframeState:
     rates_radps: Final[Vec3]  # body p, q, r
     on_ground: Final[bool]
     throttle: Final[float]  # mean of the rotors, 0..1
+    hit_ned_mps: Final[Vec3 | None]  # how it met the ground in the last step, where the airframe tells it; else None
 
     def __init__(
         self,
@@ -27,6 +28,7 @@ class AirframeState:
         rates_radps: Vec3,
         on_ground: bool,
         throttle: float,
+        hit_ned_mps: Vec3 | None = None,
     ) -> None:
         self.pos_ned_m = pos_ned_m
         self.vel_ned_mps = vel_ned_mps
@@ -34,3 +36,4 @@ class AirframeState:
         self.rates_radps = rates_radps
         self.on_ground = on_ground
         self.throttle = throttle
+        self.hit_ned_mps = hit_ned_mps

@@ -14,6 +14,7 @@ from companion.core.localisation.dead_reckoning import SILENT_S
 from companion.core.model.actions import Say, SendBeacon
 from companion.core.model.beacon import Lease, PeerReport
 from companion.core.model.events import AutopilotHealth, AutopilotMode, Landed, OperatorOrder, Position, Satellites
+from companion.core.model.neighbour import find_hover_places
 from companion.core.model.states import FlightMode, FlightState, LandedState, Order, SwarmPhase
 from companion.core.model.vectors import ZERO, norm
 from companion.core.safety.descent import is_clear_below
@@ -55,7 +56,7 @@ def test_vehicle_lands_when_no_one_is_above_or_below(level_m: float, lands: bool
     apart = agent.mission.separation
 
     def lands_near(rel_ned_m: Vec3) -> bool:
-        clear = is_clear_below([neighbour(2, rel_ned_m)], {}, soft_m=apart.soft_m, hard_m=apart.hard_m)
+        clear = is_clear_below([neighbour(2, rel_ned_m)], [], soft_m=apart.soft_m, hard_m=apart.hard_m)
         return Finding(Cause.SWARM_LANDS) in agent.swarm.findings(picture(), clear_below=clear)
 
     assert not lands_near((100.0, 0.0, -6.0))
@@ -68,7 +69,7 @@ def test_vehicle_lands_when_no_one_is_above_or_below(level_m: float, lands: bool
 def test_vehicle_lands_where_a_silent_one_hovers_by_nobodys_word(level_m: float, lands: bool) -> None:
     silent = PeerReport(2, (100.0, 0.0, -6.0), 20.0, silent=True, elsewhere=((0.0, level_m, -6.0),))
     apart = mission().separation
-    assert is_clear_below([], {2: silent}, soft_m=apart.soft_m, hard_m=apart.hard_m) is lands
+    assert is_clear_below([], find_hover_places([silent]), soft_m=apart.soft_m, hard_m=apart.hard_m) is lands
 
 
 @pytest.mark.parametrize(("gap_s", "wakes"), [(STALLED_S - 0.01, False), (STALLED_S + 0.01, True)])

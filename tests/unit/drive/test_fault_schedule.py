@@ -13,9 +13,10 @@ from companion.core.model.states import SwarmPhase
 from companion.records.record import BASE_ID
 from mission.schema.fault_kinds import FORMS, PARAMETERS, Lasts
 from mission.schema.faults import Fault, FaultKind, FaultPhase, Lie
-from sim_bridge.drive.faults import Faults, parsed, spelled
+from sim_bridge.drive.faults import Faults, immune_of, parsed, spelled
 from sim_bridge.drive.links.inbox import UNREAD_MAX_BYTES, Inbox
 from sim_bridge.judge.fault_events import FaultEvent, silenced
+from tests.unit.judge.metrics_kit import a_mission
 
 ALL = (1, 2, 3, 4)
 
@@ -338,6 +339,16 @@ def test_faults_of_satellites_strike_nobody_without_them() -> None:
     assert advanced(some, 1.0, leader=1) == (["fault: no satellites at leader 1"], [])
     assert advanced(some, 2.0, leader=3) == ([], [])
     assert len(some.never()) == 1
+
+
+def test_wind_strikes_nobody_in_still_air() -> None:
+    still = Faults(
+        [fault("wind", vehicles=[1, 2], at_s=1.0, wind_mps=(3.0, 0.0))], immune_of(a_mission(), still_air=True)
+    )
+    assert advanced(still, 1.0) == ([], [])
+    assert (still.happened, len(still.never())) == ([], 1)
+    with pytest.raises(ValueError, match="wind 1,2@0:3:0: can strike none of these"):
+        still.add(fault("wind", vehicles=[1, 2], wind_mps=(3.0, 0.0)))
 
 
 def test_a_failed_motor_needs_no_companion_and_never_ends() -> None:

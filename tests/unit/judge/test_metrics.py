@@ -214,6 +214,30 @@ def test_those_that_landed_before_the_landing_are_named() -> None:
     assert measure(recording, a_mission(n=5)).landed_early == (3,)
 
 
+def test_one_that_gave_up_has_landed_early_whatever_it_hears_on_the_ground() -> None:
+    """1 lands with the mission; 2 gave up before, and takes the phase of 1; 3 came down and flew on, to land with 1."""
+    land = SwarmPhase.LAND
+    ground = [[0, 0, 0], [0, 1, 1], [0, 1, 0], [1, 1, 1]]
+    phase = [[COVERAGE] * 3, [COVERAGE] * 3, [COVERAGE] * 3, [land] * 3]
+    recording = a_recording([level(0.0, 8.0, 16.0)] * 4, on_ground=ground, phase=phase)
+    assert measure(recording, a_mission(n=3)).landed_early == (2,)
+    phase[1][1] = land  # announced while it came down: with the mission
+    recording = a_recording([level(0.0, 8.0, 16.0)] * 4, on_ground=ground, phase=phase)
+    assert measure(recording, a_mission(n=3)).landed_early == ()
+
+
+def test_what_comes_after_the_end_is_neither_coverage_nor_early_but_dangers_count() -> None:
+    """2 comes down while records are on their way to the base station, and then the others come near."""
+    rows = [level(85.0, 115.0, 100.0)] * 3 + [level(85.0, 90.0, 100.0)]
+    mission = a_mission(n=3, coverage={"radius_m": 15.0})
+    recording = a_recording(rows, phase=COVERAGE, on_ground=[[0, 0, 1], [0, 0, 1], [0, 0, 1], [0, 1, 1]])
+    whole, ended = measure(recording, mission), measure(recording, mission, end_s=2.0)
+    assert (whole.landed_early, ended.landed_early) == ((2,), ())
+    assert (whole.uncovering, ended.uncovering) == ((2, 3), (3,))
+    rows[3] = level(85.0, 88.0, 100.0)
+    assert measure(a_recording(rows, phase=COVERAGE), mission, end_s=2.0).min_separation_m == 3.0
+
+
 # Several trees
 
 

@@ -48,6 +48,12 @@ def test_a_touch_is_one_contact_however_long_and_the_next_is_another() -> None:
     assert measure(a_recording(ticks), a_mission()).contacts == 2
 
 
+def test_vehicles_touch_by_the_missions_own_hulls() -> None:
+    recording = a_recording([level(0.0, 5.0), level(0.0, 1.9)])
+    assert measure(recording, a_mission(sensing={"vehicle_radius_m": 1.0})).contacts_vehicles == 1
+    assert measure(recording, a_mission(sensing={"vehicle_radius_m": 0.9})).contacts_vehicles == 0
+
+
 @pytest.mark.parametrize(("ground", "contacts"), [([True, True], 0), ([True, False], 1), ([False, False], 1)])
 def test_vehicles_parked_close_together_do_not_touch(ground: list[bool], contacts: int) -> None:
     assert measure(a_recording([level(0.0, 0.5, up_m=0.1)], on_ground=[ground]), a_mission()).contacts == contacts

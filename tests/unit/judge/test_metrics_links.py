@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -140,6 +141,8 @@ def test_two_leaders_in_one_component_are_counted_and_those_apart_are_not() -> N
     assert measure(both, a_mission(n=3)).leaders_together_s == 3.0
     cut = [FaultEvent(FaultKind.PARTITION, (3,), 0.0, 2.0)]
     assert measure(both, a_mission(n=3), faults=cut).leaders_together_s == 1.0
+    beside = a_recording(rows, acting=[1, 1, 0])
+    assert measure(beside, a_mission(n=3), faults=[replace(cut[0], until_s=None)]).leaders_together_s == 6.0
     assert measure(a_recording(rows, acting=[1, 0, 0]), a_mission(n=3)).leaders_together_s == 0.0
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from companion.survey.observation import STEM_KIND, Grade, StemObservation, encode
-from companion.survey.track import TRACK_KIND, TrackPoint, encode_track
 from mission.document.model import Mission
 from mission.schema.trees import StandTree
 from mission.stand.stand import Stand
 from sim_bridge.judge.metrics.stems import StemFigures, definitions, measure_stems
+from tests.unit.judge.metrics_kit import a_recording
 
 SURVEYING = Mission.model_validate(
     {
@@ -21,7 +21,7 @@ SURVEYING = Mission.model_validate(
 )
 PLACES = ((5.0, 3.0), (10.0, -3.0), (15.0, 4.0), (20.0, 20.0))  # east, north; the last one is out of reach
 STAND = Stand([StandTree(east, north, 0.1, 15.0, 10.0, 2.0) for east, north in PLACES])
-WAY = [(TRACK_KIND, encode_track(TrackPoint(1, 2.0 * k, 0.0, 4.0 * k, 1.0, 7.0))) for k in range(8)]
+WAY = a_recording([[[0.5 * k, 0.0, 4.0]] for k in range(57)], dt_s=0.25)  # 28 m to the east
 
 
 def stem(north_m: float, east_m: float, dbh_m: float = 0.2, grade: Grade = Grade.GOOD) -> tuple[int, bytes]:
@@ -33,7 +33,7 @@ def stem(north_m: float, east_m: float, dbh_m: float = 0.2, grade: Grade = Grade
 
 
 def figures(*records: tuple[int, bytes]) -> StemFigures:
-    found = measure_stems({1: [*WAY, *records]}, SURVEYING, STAND)
+    found = measure_stems({1: records}, WAY, SURVEYING, STAND)
     assert found is not None
     return found
 
@@ -71,7 +71,18 @@ def test_poor_ones_do_not_count_and_thin_ones_are_not_false() -> None:
 
 def test_without_a_survey_there_are_no_figures() -> None:
     plain = SURVEYING.model_copy(update={"survey": None})
-    assert measure_stems({1: []}, plain, STAND) is None
+    assert measure_stems({1: []}, WAY, plain, STAND) is None
+
+
+def test_trees_are_passed_by_true_places_though_nothing_was_recorded() -> None:
+    """A full disk kept the later half; one whose companion is dead measures nothing, nor does one on the ground."""
+    half = measure_stems({1: [stem(3.0, 5.0)]}, WAY, SURVEYING, STAND)
+    assert half is not None
+    assert (half.stems_found, half.stems_passed) == (1, 3)
+    for column in ({"agent_alive": False}, {"on_ground": True}):
+        none = measure_stems({1: []}, a_recording([[[5.0, 0.0, 4.0]]], **column), SURVEYING, STAND)
+        assert none is not None
+        assert (none.stems_passed, none.stems_found_share) == (0, None)
 
 
 def test_every_figure_is_defined() -> None:

@@ -84,6 +84,10 @@ def a_fault(kind: FaultKind, *vehicles: int, until_s: float | None = 60.0) -> Fa
 
 
 DOWN: dict[str, Any] = {"armed": (), "aloft": ()}
+TWO_RESTARTS = [
+    FaultEvent(FaultKind.RESTART, (1, 3), 10.0, 10.5),
+    FaultEvent(FaultKind.RESTART, (4, 5), 60.0, 60.5),
+]
 
 
 def test_a_flight_in_which_everything_holds_has_arrived() -> None:
@@ -111,6 +115,7 @@ def test_a_flight_in_which_everything_holds_has_arrived() -> None:
         ({"coverage_radius_error_m": 2.1}, "coverage not formed: up to 2.1 m off the ring: must be within 2 m"),
         ({"coverage_radius_error_m": None}, "coverage not formed: no vehicle in the air at its end"),
         ({"coverage_gap_deg": None}, "no coverage"),
+        ({"coverage_gap_deg": 51.4, "uncovering": (8,)}, "coverage not formed: vehicle 8 did not cover"),
         ({"lost": (3,)}, "lost vehicle 3"),
         ({"fence_exceeded_m": 1.4}, "1.4 m outside of the fence"),
         ({"leaders_together_s": 2.3}, "two acting leaders in one connected part for 2.3 s"),
@@ -294,9 +299,16 @@ def test_the_worst_that_happened_is_the_grade(changes: dict[str, Any], grade: Gr
         ({"coverage_gap_deg": 90.0}, [a_fault(FaultKind.BLIND, 2)], Grade.INCOMPLETE),  # there was time
         ({"coverage_gap_deg": 90.0, "uncovering": (2,)}, [a_fault(FaultKind.MOTOR, 2)], Grade.DEGRADED),
         ({"coverage_gap_deg": 90.0, "uncovering": (2, 3)}, [a_fault(FaultKind.MOTOR, 2)], Grade.INCOMPLETE),
+        ({"uncovering": (2,)}, [a_fault(FaultKind.MOTOR, 2)], Grade.DEGRADED),
         ({"coverage_gap_deg": 90.0}, [killed(2, at_s=110.0)], Grade.DEGRADED),  # the gap was just torn
         ({"contacts": 1}, [a_fault(FaultKind.BLIND, 2)], Grade.UNSAFE),  # no fault excuses a contact
-        (BEHIND, [a_fault(FaultKind.INSIDER, 3)], Grade.DEGRADED),  # what is done by a lie need not be undone
+        (BEHIND, [a_fault(FaultKind.PILOT, 3, until_s=None)], Grade.INCOMPLETE),  # the others go on
+        (BEHIND, [a_fault(FaultKind.PILOT, 2, until_s=None)], Grade.DEGRADED),
+        (BEHIND, [a_fault(FaultKind.RESTART, 1, 3, 4, 5, until_s=20.5)], Grade.DEGRADED),  # no majority is left
+        (BEHIND, TWO_RESTARTS, Grade.INCOMPLETE),  # never at one time
+        (BEHIND, [a_fault(FaultKind.INSIDER, 3)], Grade.DEGRADED),  # 40 s long, over for 60
+        (BEHIND, [a_fault(FaultKind.INSIDER, 3, until_s=25.0)], Grade.INCOMPLETE),  # 5 s long, over for 95
+        (BEHIND | {"landed_early": (2,)}, [a_fault(FaultKind.INSIDER, 3, until_s=25.0)], Grade.DEGRADED),  # for good
         ({"contacts": 1}, [a_fault(FaultKind.INSIDER, 3)], Grade.UNSAFE),
         (
             BEHIND,
@@ -310,6 +322,52 @@ def test_faults_excuse_those_that_they_struck_and_no_danger(
     changes: dict[str, Any], faults: list[FaultEvent], grade: Grade
 ) -> None:
     assert judge(figures(**changes), a_mission(), "coverage complete", faults=faults).grade is grade
+
+
+def test_what_came_down_by_a_lie_stays_down_and_a_tree_that_was_left_out_is_left_out() -> None:
+    lie = [a_fault(FaultKind.INSIDER, 3, until_s=25.0)]
+    landed = figures(**DOWN, arrived=False, absent=tuple(range(1, 9)))
+    assert judge(landed, a_mission("return"), "all landed", faults=lie).grade is Grade.DEGRADED
+    assert judge(landed, a_mission("return"), "all landed").grade is Grade.INCOMPLETE
+    tables = a_mission().model_dump(by_alias=True)
+    tables["route"]["stops"] = [{"pos_enu_m": (150.0, 0.0, 10.0), "duration_s": 10.0}]
+    two_trees = Mission.model_validate(tables)
+    assert judge(figures(visited=1), two_trees, "coverage complete", faults=lie).grade is Grade.DEGRADED
+    assert judge(figures(visited=1), two_trees, "coverage complete").grade is Grade.INCOMPLETE
+
+
+MISSING: dict[str, Any] = {"arrived": False, "arrival_last_s": None, "absent": (3,)}
+
+
+@pytest.mark.parametrize(
+    ("changes", "ended", "grade", "causes"),
+    [
+        ({"uncovering": (3,)}, "coverage complete", Grade.DEGRADED, ("not arrived", "coverage")),
+        ({"uncovering": (3, 4)}, "coverage complete", Grade.INCOMPLETE, ("coverage", "not arrived")),
+        ({"coverage_gap_deg": 200.0}, "coverage complete", Grade.INCOMPLETE, ("coverage", "not arrived")),
+        ({}, "time limit of 600 s reached", Grade.INCOMPLETE, ("unfinished", "not arrived")),
+    ],
+)
+def test_the_rest_of_the_mission_is_asked_of_the_others_where_a_struck_one_stays_behind(
+    changes: dict[str, Any], ended: str, grade: Grade, causes: tuple[str, ...]
+) -> None:
+    struck = [a_fault(FaultKind.MOTOR, 3, until_s=None)]
+    verdict = judge(figures(**MISSING, **changes), a_mission(), ended, faults=struck)
+    assert (verdict.grade, verdict.causes) == (grade, causes), verdict.text
+
+
+@pytest.mark.parametrize(
+    ("up", "grade"), [((3,), Grade.DEGRADED), ((3, 5), Grade.INCOMPLETE), ((1, 2, 4, 5, 6, 7, 8), Grade.INCOMPLETE)]
+)
+@pytest.mark.parametrize("changes", [MISSING, {}])
+def test_where_the_mission_lands_one_that_its_pilot_keeps_up_is_waited_for_and_excused_but_no_other(
+    up: tuple[int, ...], grade: Grade, changes: dict[str, Any]
+) -> None:
+    taken = [a_fault(FaultKind.PILOT, 3, until_s=None)]
+    flown = figures(**changes, armed=up, aloft=up, sim_time_s=600.0)
+    verdict = judge(flown, a_mission("return"), "time limit of 600 s reached", faults=taken)
+    assert verdict.grade is grade, verdict.text
+    assert {"unfinished", "landing"} <= set(verdict.causes)
 
 
 @pytest.mark.parametrize(

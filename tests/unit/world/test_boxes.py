@@ -10,15 +10,15 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from mission.common.frames import Vec3
+from mission.document.model import VEHICLE_RADIUS_M, Mission, Sensing, Sim
 from mission.document.model import Lidar as LidarErrors
-from mission.document.model import Mission, Sensing, Sim
 from mission.schema.boxes import StandBox, box_of
 from mission.stand.drawing import drawn
 from mission.stand.stand import Stand, stand_of
 from sim_bridge.judge.metrics import measure
 from sim_bridge.trunk_attenuation import range_share
 from sim_bridge.world.airframe.state import AirframeState
-from sim_bridge.world.contacts import REACH_M, Contacts, Touched
+from sim_bridge.world.contacts import Contacts, Touched
 from sim_bridge.world.sensors.lidar import Lidar, Scan
 from sim_bridge.world.sensors.scene import Scene
 from tests.unit.judge.metrics_kit import a_mission, a_recording, level
@@ -90,9 +90,9 @@ def test_every_box_on_the_way_is_touched_however_long_the_step(
 ) -> None:
     end = (begin[0] + way[0], begin[1] + way[1])
     clear_m = box.beside_m(begin, end)
-    assume(abs(clear_m - REACH_M) > 1e-6)
+    assume(abs(clear_m - VEHICLE_RADIUS_M) > 1e-6)
     found = touched(Stand(boxes=[box]), (begin[1], begin[0], -0.5), (end[1], end[0], -0.5))
-    assert found is (Touched.BOX if clear_m < REACH_M else None)
+    assert found is (Touched.BOX if clear_m < VEHICLE_RADIUS_M else None)
 
 
 def test_nothing_is_touched_above_a_box() -> None:

@@ -10,11 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mission.common.frames import Vec3
+from mission.document.model import VEHICLE_RADIUS_M
 from mission.stand.stand import Stand, StandTree
 from sim_bridge.judge.metrics import CONTACT_M
 from sim_bridge.world.airframe.fragile import Fragile
+from sim_bridge.world.airframe.jsbsim_quad import JsbsimQuad
 from sim_bridge.world.airframe.point_mass import PointMass
-from sim_bridge.world.contacts import REACH_M, Collisions, Contacts, Touched
+from sim_bridge.world.contacts import Collisions, Contacts, Touched
+from sim_bridge.world.world import TICK_S
+from tests.unit.world.airframe_kit import FRAME
 
 TRUNK = StandTree(5.0, 0.0, 0.2, 20.0, 20.0, 0.2)  # 5 m east
 CROWNED = StandTree(5.0, 0.0, 0.2, 20.0, 8.0, 2.0)
@@ -31,7 +35,7 @@ def touched(stand: Stand, *way_ned_m: Vec3, vel_ned_mps: Vec3 = STILL, on_ground
 
 def test_a_trunk_is_touched_within_the_propellers_reach_of_its_surface() -> None:
     stand = Stand([TRUNK])
-    edge_m = 5.0 - 0.2 - REACH_M
+    edge_m = 5.0 - 0.2 - VEHICLE_RADIUS_M
     assert touched(stand, (0.0, edge_m + 0.01, -3.0)) is Touched.TRUNK
     assert touched(stand, (0.0, edge_m - 0.01, -3.0)) is None
 
@@ -54,8 +58,8 @@ def test_every_trunk_on_the_way_is_touched_however_long_the_step(
     n, e = (begin[axis] + way[axis] * np.linspace(0.0, 1.0, 501) for axis in (0, 1))
     clear_m = min((np.hypot(n - north_m, e - east_m).min() - r_m for north_m, east_m, r_m in trunks), default=9.0)
     found = touched(stand, (*begin, -3.0), (begin[0] + way[0], begin[1] + way[1], -3.0))
-    if abs(clear_m - REACH_M) > 0.01:
-        assert found is (Touched.TRUNK if clear_m < REACH_M else None)
+    if abs(clear_m - VEHICLE_RADIUS_M) > 0.01:
+        assert found is (Touched.TRUNK if clear_m < VEHICLE_RADIUS_M else None)
 
 
 def test_above_its_top_there_is_no_trunk_wherever_the_ground_lies() -> None:
@@ -95,6 +99,42 @@ def test_how_hard_the_ground_was_touched_tells_the_speed_before() -> None:
 def test_the_ground_is_touched_hard_or_landed_on(vel_ned_mps: Vec3, expected: Touched | None) -> None:
     way: tuple[Vec3, Vec3] = ((0.0, 0.0, -0.1), (0.0, 0.0, 0.0))
     assert touched(Stand(), *way, vel_ned_mps=vel_ned_mps, on_ground=True) is expected
+
+
+def looks(quad: JsbsimQuad, ticks: int) -> tuple[list[Touched], bool]:
+    """What is touched, and whether a bounce fell between two looks."""
+    contacts, found, unseen = Contacts(Stand()), [], False
+    for _ in range(ticks):
+        quad.step(TICK_S)
+        state = quad.state
+        what = contacts.find_contact(
+            1, state.pos_ned_m, state.vel_ned_mps, on_ground=state.on_ground, hit_ned_mps=state.hit_ned_mps
+        )
+        found += [] if what is None else [what]
+        unseen = unseen or (what is not None and not state.on_ground)
+    return found, unseen
+
+
+def test_a_fall_is_seen_also_if_it_bounces_between_two_looks() -> None:
+    falls = [looks(JsbsimQuad(FRAME, (0.0, 0.0, -0.6 - 0.35 * k), 0.0), 40) for k in range(16)]
+    assert all(Touched.GROUND in found for found, _ in falls)
+    assert any(unseen for _, unseen in falls)
+
+
+def test_a_take_off_and_a_landing_touch_nothing() -> None:
+    quad = JsbsimQuad(FRAME, STILL, 0.0)
+    quad.set_armed(True)
+    for down_mps, ticks in ((-1.2, 60), (1.5, 120)):
+        quad.command((0.5, 0.0, down_mps), 0.0)
+        assert looks(quad, ticks) == ([], False)
+    assert quad.state.on_ground
+
+
+def test_one_that_grazes_the_ground_as_it_rises_does_not_come_down_on_it() -> None:
+    contacts = Contacts(Stand())
+    contacts.find_contact(1, (0.0, 0.0, -0.01), (1.2, 0.0, -0.3), on_ground=False)
+    rises = contacts.find_contact(1, (0.1, 0.0, -0.02), (1.2, 0.0, -0.3), on_ground=False, hit_ned_mps=(1.2, 0.0, -0.2))
+    assert rises is None
 
 
 def test_who_stands_beside_a_trunk_touches_nothing() -> None:
@@ -153,7 +193,7 @@ def test_hulls_that_cross_between_two_looks_have_touched() -> None:
 
 @pytest.mark.parametrize(("apart_m", "touch"), [(0.69, True), (0.71, False)])
 def test_hulls_touch_at_twice_the_reach(apart_m: float, touch: bool) -> None:
-    assert pytest.approx(2.0 * REACH_M) == CONTACT_M
+    assert pytest.approx(2.0 * VEHICLE_RADIUS_M) == CONTACT_M
     found = Collisions().find_touching({3: (0.0, 0.0, -5.0), 5: (0.6 * apart_m, 0.0, -5.0 - 0.8 * apart_m)})
     assert found == ({3, 5} if touch else set())
 

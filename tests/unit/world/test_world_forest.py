@@ -9,8 +9,10 @@ import pytest
 
 from companion.mavlink import dialect
 from companion.mavlink.framing.frames import Framing
+from mission.common.frames import Vec3
 from mission.document.model import Mission
 from mission.stand.stand import Stand, StandTree
+from sim_bridge.world.airframe.jsbsim_quad import jsbsim_airframes
 from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.autopilot import Link, StreamProfile
 from sim_bridge.world.contacts import Touched
@@ -94,6 +96,28 @@ def test_a_vehicle_that_touches_a_trunk_is_named_and_falls_and_the_others_fly_on
     assert one.on_ground
     assert one.pos_ned_m[1] == pytest.approx(30.0 - 0.65, abs=0.3)
     assert all(not other.on_ground for other in others)
+
+
+def test_a_world_of_point_masses_says_that_its_air_is_still() -> None:
+    air = world(mission())
+    quads = World(mission(), jsbsim_airframes(mission()), links=LINKS)
+    assert (air.still_air, quads.still_air) == (True, False)
+
+
+@pytest.mark.parametrize(("radius_m", "touched"), [(0.35, set()), (1.0, {1, 2, 3})])
+def test_contacts_are_those_of_the_missions_own_hulls(radius_m: float, touched: set[int]) -> None:
+    places: list[Vec3] = [(0.9, 30.0, -4.0), (10.0, 10.0, -4.0), (11.2, 10.0, -4.0)]  # the first 0.6 m from the bark
+    left = iter(places)
+    air = World(
+        mission(sensing={"vehicle_radius_m": radius_m}),
+        lambda _frame, _place, _seed: PointMass(next(left), 0.0),
+        links=LINKS,
+        stand=Stand([trunk(30.0, 0.0)]),
+    )
+    for k in air.vehicles:
+        air.check_contact(k)
+    air.check_collisions()
+    assert set(air.touched) == touched
 
 
 def test_two_vehicles_that_touch_one_another_both_fall_and_the_third_flies_on() -> None:

@@ -50,11 +50,11 @@ class Detour:
     ) -> tuple[float, float]:
         """The velocity (north, east, m/s) along the detour, as fast as desired; as desired where there is none.
 
-        `pos`: own, level, of which only differences count; `reach_m`: how far it goes on, inf: it follows; `seen`: all
-        that was seen; `known`: what was not.
+        `pos`: own, level, of which only differences count; `reach_m`: how far it goes on, inf: it follows, below 0: it
+        is there, and pushed; `seen`: all that was seen; `known`: what was not.
         """
         desired_mps = math.sqrt(desired[0] * desired[0] + desired[1] * desired[1])
-        if seen is None or desired_mps < DESIRED_LEAST_MPS:
+        if seen is None or desired_mps < DESIRED_LEAST_MPS or reach_m <= 0.0:
             self.reset()
             return desired
         self._since_s += dt_s

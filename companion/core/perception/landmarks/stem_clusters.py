@@ -22,6 +22,7 @@ ROUND_SIGMAS: Final = 2.2  # of the residuals about a circle
 ROUND_M: Final = 0.02  # and bark
 RANGE_SD_M: Final = 0.01  # more of the axis' range: bark, and the radius
 LEAVES_M: Final = 1.0
+LEAVES_SECTORS: Final = 1.5  # their width, where that is more: the corner of a wall far off is no two stems
 HIDDEN_M: Final = 0.3  # a neighbouring ray that ends so much nearer hides an edge
 SEAM_M: Final = 0.35  # of a vehicle at 3 m/s while its lidar turns once
 STEMS_MAX: Final = 96  # the nearest; of 600 trees/ha a lidar of 20 m sees up to 69
@@ -75,16 +76,17 @@ def find_stems(scan: LevelScan, kind: ScanClass, walls: Sequence[bool] = ()) -> 
         stem = _fit_stem(scan, kind, first, last)
         if stem is not None:
             stems.append(stem)
-    return _leave_out_leaves(_keep_nearest(stems))
+    return _leave_out_leaves(_keep_nearest(stems), 0.0 if kind.has_widths else LEAVES_SECTORS * scan.step_rad)
 
 
 def sector_edge_rad(scan: LevelScan, kind: ScanClass, k: int) -> float:
-    """Bearing of a sector's nearest hit less its middle's, where a wall goes on on both sides: towards the nearer."""
+    """Bearing of a sector's nearest hit less its middle's, of a wall: towards where that is nearer.
+
+    At the wall's end too: beyond it the neighbour has nothing.
+    """
     if kind.has_widths:
         return 0.0
     before_m, after_m = scan.ranges_m[k - 1], scan.ranges_m[(k + 1) % len(scan.ranges_m)]
-    if not (before_m < math.inf and after_m < math.inf):
-        return 0.0
     step_rad = math.remainder(scan.bearings_rad[k] - scan.bearings_rad[k - 1], math.tau)
     here_m = scan.ranges_m[k]
     if before_m < here_m < after_m:
@@ -232,7 +234,8 @@ def _keep_nearest(stems: list[Stem]) -> list[Stem]:
     return [stem for stem in stems if stem.surface_m < beyond_m]
 
 
-def _leave_out_leaves(stems: list[Stem]) -> list[Stem]:
+def _leave_out_leaves(stems: list[Stem], apart_rad: float) -> list[Stem]:
+    """`apart_rad`: two that are seen under less are too near to each other, too."""
     if len(stems) < 2:
         return stems
     places = [
@@ -245,10 +248,11 @@ def _leave_out_leaves(stems: list[Stem]) -> list[Stem]:
     left: list[Stem] = []
     for k in range(len(stems)):
         n, e = places[k]
+        leaves_m = max(LEAVES_M, apart_rad * stems[k].surface_m)
         alone = True
         for j in range(len(stems)):
             dn, de = places[j][0] - n, places[j][1] - e
-            if j != k and dn * dn + de * de < LEAVES_M * LEAVES_M:
+            if j != k and dn * dn + de * de < leaves_m * leaves_m:
                 alone = False
                 break
         if alone:

@@ -13,8 +13,10 @@ from companion.core.perception.landmarks.stem_clusters import sector_edge_rad
 from companion.core.perception.level_scan import LevelScan, ScanClass
 
 LEAST_RAYS: Final = 5
+PIECE_RAYS: Final = 3  # of sectors: a piece that tells nothing, but is no stems
 LEAST_M: Final = 1.5  # long: wider than a stem
 GAP_SHARE: Final = 0.4  # of its length: a longer gap between two rays is no wall's
+PIECE_GAP_SHARE: Final = 0.75  # nor one of a piece: a thing before a wall is not joined to it
 SPLIT_M: Final = 0.12  # off the chord, and three sigmas of a range
 RMS_M: Final = 0.04  # off the line, and a sigma
 BESIDE: Final = 2  # rays
@@ -37,6 +39,7 @@ class WallSegment:
         "normal_rad",
         "north_m",
         "offset_sd_m",
+        "tells",
     )
 
     def __init__(
@@ -47,8 +50,13 @@ class WallSegment:
         eye: tuple[float, float],
         rays: tuple[int, int],
         offset_sd_m: float,
+        *,
+        tells: bool,
     ) -> None:
-        """`rays`: the first and the last of the scan, which may lie beyond its end. `offset_sd_m`: along the normal."""
+        """`rays`: the first and the last of the scan, which may lie beyond its end. `offset_sd_m`: along the normal.
+
+        `tells`: where it is; else it is too short or too rough for that, and all that is known is that it is no stems.
+        """
         self.north_m: Final = middle[0]
         self.east_m: Final = middle[1]
         self.normal_rad: Final = normal_rad
@@ -58,6 +66,7 @@ class WallSegment:
         self.first: Final = rays[0]
         self.last: Final = rays[1]
         self.offset_sd_m: Final = offset_sd_m
+        self.tells: Final = tells
 
     @property
     def normal_sd_rad(self) -> float:
@@ -72,7 +81,7 @@ def find_walls(scan: LevelScan, kind: ScanClass) -> list[WallSegment]:
     begin = 0
     for k in range(1, len(rays) + 1):
         if k == len(rays) or rays[k] - rays[k - 1] > 2:  # a ray went on between them: one unmeasured is bridged
-            if k - begin >= LEAST_RAYS:
+            if k - begin >= _least_rays(kind):
                 _split(scan, kind, (norths, easts, rays), begin, k - 1, found)
             begin = k
     return found
@@ -96,6 +105,10 @@ def mark_walls(walls: list[WallSegment], scan: LevelScan) -> list[bool]:
             if n * normal_n + e * normal_e < BEFORE_M:
                 marked[at] = True
     return marked
+
+
+def _least_rays(kind: ScanClass) -> int:
+    return LEAST_RAYS if kind.has_widths else PIECE_RAYS
 
 
 def _hits(scan: LevelScan, kind: ScanClass) -> tuple[list[float], list[float], list[int]]:
@@ -132,7 +145,7 @@ def _split(
     todo = [(first, last)]
     while todo:
         a, b = todo.pop()
-        if b - a + 1 < LEAST_RAYS:
+        if b - a + 1 < _least_rays(kind):
             continue
         at, most_m = _farthest(hits[0], hits[1], a, b)
         if most_m > SPLIT_M + 3.0 * kind.range_sd_m:
@@ -172,12 +185,14 @@ def _fit(
         nn, ne, ee = nn + n * n, ne + n * e, ee + e * e
         if k > a:
             gap_m = max(gap_m, math.hypot(norths[k] - norths[k - 1], easts[k] - easts[k - 1]))
-    if gap_m > GAP_SHARE * length_m:
+    if gap_m > PIECE_GAP_SHARE * length_m:
         return None
+    tells = count >= LEAST_RAYS and gap_m <= GAP_SHARE * length_m
     along_rad = 0.5 * math.atan2(2.0 * ne, nn - ee)
     along_n, along_e = math.cos(along_rad), math.sin(along_rad)
     off_m2 = nn * along_e * along_e - 2.0 * ne * along_n * along_e + ee * along_n * along_n
-    if math.sqrt(max(0.0, off_m2) / count) > RMS_M + kind.range_sd_m:
+    tells = tells and math.sqrt(max(0.0, off_m2) / count) <= RMS_M + kind.range_sd_m
+    if not tells and kind.has_widths:
         return None
     middle = rays[(a + b) // 2] % len(scan.ranges_m)
     eye = (scan.eyes_north_m[middle], scan.eyes_east_m[middle])
@@ -188,4 +203,5 @@ def _fit(
         return None
     normal_rad = along_rad + math.copysign(math.pi / 2.0, facing)
     offset_sd_m = kind.range_sd_m / math.sqrt(count) + SURFACE_SD_M
-    return WallSegment((mean_n, mean_e), normal_rad, 0.5 * length_m, eye, (rays[a], rays[b]), offset_sd_m)
+    shown = rays[a], rays[b]
+    return WallSegment((mean_n, mean_e), normal_rad, 0.5 * length_m, eye, shown, offset_sd_m, tells=tells)

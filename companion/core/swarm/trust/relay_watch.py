@@ -21,7 +21,9 @@ from mission.common.frames import Vec3
 REF_OFF_MPS: Final = 1.0  # a change of the leader's speed is handed down within a period or two
 LEAST_COST: Final = 1.0  # of a route that has a hop
 STANDS: Final = 0.05  # of the speed: who allows no more holds all
-PATIENCE_S: Final = 30.0  # with one that holds all: less than a leader takes to land a swarm that gets nowhere
+PATIENCE_S: Final = 30.0  # with one that holds all on a link that is short: its word is all there is for it
+# On one that is stretched it is far behind, as it says; less than a leader takes to land a swarm that gets nowhere
+STRETCHED_S: Final = 90.0
 AGAIN_S: Final = 60.0  # then the swarm goes on without it for so long
 
 
@@ -70,7 +72,7 @@ def _off_course_mps(ref_ned_mps: Vec3, course_ned_mps: Vec3) -> float:
 
 @final
 class Patience:
-    """With followers that allow no speed though their link is short: for PATIENCE_S, then the swarm goes on."""
+    """With followers that allow no speed: for PATIENCE_S, STRETCHED_S on a stretched link, then the swarm goes on."""
 
     __slots__ = ("_over_s", "_since_s")
 
@@ -79,14 +81,14 @@ class Patience:
         self._over_s: dict[int, float] = {}
 
     def filter_followers(self, followers: list[Neighbour], now_s: float, *, range_m: float) -> list[Neighbour]:
-        """Each period: the followers whose governor counts."""
-        holding = {n.id for n in followers if n.beacon.governor < STANDS and n.distance_m <= GOVERNOR_FULL * range_m}
+        """Each period: the followers whose governor counts. `range_m`: that the formation keeps."""
+        holding = {n.id: n.distance_m <= GOVERNOR_FULL * range_m for n in followers if n.beacon.governor < STANDS}
         if not holding and not self._over_s:
             self._since_s.clear()
             return followers
         self._since_s = {k: self._since_s.get(k, now_s) for k in sorted(holding)}
         for vehicle, since_s in self._since_s.items():
-            if now_s - since_s > PATIENCE_S:
+            if now_s - since_s > (PATIENCE_S if holding[vehicle] else STRETCHED_S):
                 self._over_s[vehicle] = now_s
         self._over_s = {k: at_s for k, at_s in self._over_s.items() if now_s - at_s <= AGAIN_S}
         return [n for n in followers if n.id not in self._over_s]

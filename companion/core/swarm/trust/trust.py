@@ -38,7 +38,6 @@ class Trust:
         self.gate = PhaseGate(mission, me)
         self._leads = LeadWatch(mission)
         self._patience = Patience()
-        self._range_m = mission.radio.full_range_m
         self._fastest_mps = mission.limits.speed_max_mps
         self._least_range_m = min(mission.radio.transit_range_m, mission.radio.full_range_m)
         self._period_s = 1.0 / mission.radio.beacon_rate_hz
@@ -142,6 +141,6 @@ class Trust:
         if false:
             self._courses.note_doubt(false, "hands down a false course", 1.0, now_s)
 
-    def filter_followers(self, followers: list[Neighbour], now_s: float) -> list[Neighbour]:
-        """The followers whose governor counts."""
-        return self._patience.filter_followers(followers, now_s, range_m=self._range_m)
+    def filter_followers(self, followers: list[Neighbour], now_s: float, *, range_m: float) -> list[Neighbour]:
+        """The followers whose governor counts. `range_m`: that the formation keeps."""
+        return self._patience.filter_followers(followers, now_s, range_m=range_m)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mission.document.model import Mission
-from sim_bridge.judge.metrics import CONTACT_M, gathered_within_m
+from sim_bridge.judge.metrics import gathered_within_m
 from sim_bridge.lab.study.forest.air import MODELS
 from sim_bridge.lab.study.law import Bools, Floats
 from sim_bridge.lab.study.point_mass import is_connected
@@ -118,7 +118,7 @@ class FlightRecorder:
         self.clearance_m = min(self.clearance_m, float(clearance_m[flies].min()))
         apart_m = np.where(flies[:, None] & flies, distance_m, np.inf)
         self.least_m = min(self.least_m, float(apart_m.min()))
-        touching = apart_m < CONTACT_M
+        touching = apart_m < 2.0 * self._mission.vehicle_radius_m
         self.contacts["vehicle"] += int((touching & ~self._touching).sum()) // 2
         self._touching = touching
         for row, what in touched.items():

@@ -70,7 +70,7 @@ class Flight:
         self._vel_error = Wander(rngs[2], sim.velocity_noise_mps or 0.0, VELOCITY_MEMORY_S, n)
         scene = Scene(stand, sensing.range_m)
         self._lidars = [Lidar(scene, sensing, sim.lidar, seed=sim.seed, vehicle_id=k) for k in range(1, n + 1)]
-        self._contacts = Contacts(stand, reach_m=sensing.vehicle_radius_m, ground=False)
+        self._contacts = Contacts(stand, reach_m=mission.vehicle_radius_m, ground=False)
         delay_ticks = max(1, round(sim.radio_delay_s / TICK_S))
         self._air = Air(sim.radio_trunks, sim.radio_trunk_db, sim.radio_loss, delay_ticks, rngs[3])
         self.watch = FlightRecorder(mission, n, TICK_S)

@@ -38,7 +38,7 @@ class Run(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    name: str = Field(min_length=1, description="For people: heads its rows.")
+    name: str = Field(min_length=1, description="For people: heads its rows. No two runs have one.")
     motion: Motion = Motion()
     sensors: Sensors = Field(default=Sensors(), description="The estimator knows their errors, but not of late ranges.")
     must: dict[str, dict[str, float]] = Field(

@@ -15,6 +15,10 @@ from sim_bridge.judge.metrics import stems
 from sim_bridge.judge.metrics.figures import LESS, MORE, SHARE, Figure, Row
 
 CONFIDENCE: Final = 0.95
+# A flight that has none of these has not failed: it was never in parts, met no trunk, and its lead was not passed on
+NOTHING_TO_TELL: Final = frozenset(
+    {"rejoin_s", "trunk_clearance_min_m", "box_clearance_min_m", "handover_jump_m", "handover_step_mps"}
+)
 
 
 def _coverage_gap_ratio(row: Row) -> float | None:

@@ -10,7 +10,7 @@ from rich.box import SIMPLE
 from rich.table import Table
 
 from sim_bridge.judge.metrics.figures import MORE
-from sim_bridge.lab.study.results.figures import BY_NAME
+from sim_bridge.lab.study.results.figures import BY_NAME, NOTHING_TO_TELL
 
 STATISTICS = ("mean", "worst", "p95")
 ROUNDING = 1e-9
@@ -24,13 +24,21 @@ class Group(Protocol):
         """The name of its runs."""
 
     @property
+    def flights(self) -> int:
+        """All of its rows."""
+
+    @property
+    def arrived(self) -> int:
+        """Of them."""
+
+    @property
     def figures(self) -> Mapping[str, Any]:
         """Spreads over its seeds, by name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Verdict on one limit of one case. `seen` None: no seed has the figure, and it does not."""
+    """Verdict on one limit of one case. `seen` None: not all flights that must have the figure do, and it is missed."""
 
     run: str
     case: str
@@ -46,12 +54,18 @@ class Verdict:
 
 
 def judge(group: Group, case: str, must: Mapping[str, Mapping[str, float]]) -> list[Verdict]:
-    """Of a case, by what its run must reach."""
+    """Of a case, by what its run must reach.
+
+    A flight that never came so far as to have a figure has the worst one. How many may not arrive is for a limit on
+    `arrived` to say, where the run has one.
+    """
     found = []
     for figure, limits in must.items():
         spread = group.figures.get(figure)
         for statistic, limit in limits.items():
-            seen = None if spread is None else float(getattr(spread, statistic))
+            seen = None if spread is None else getattr(spread, statistic)
+            if statistic != "p95" and _lack(group, figure, must) > 0:  # p95 counts them
+                seen = None
             if seen is None:
                 reached = False
             elif BY_NAME[figure].better is MORE:
@@ -60,6 +74,14 @@ def judge(group: Group, case: str, must: Mapping[str, Mapping[str, float]]) -> l
                 reached = seen <= limit + ROUNDING
             found.append(Verdict(group.run, case, figure, statistic, limit, seen, reached))
     return found
+
+
+def _lack(group: Group, figure: str, must: Mapping[str, Any]) -> int:
+    """Flights that should have the figure, and do not."""
+    if figure in NOTHING_TO_TELL or figure not in group.figures:
+        return 0
+    expected = group.arrived if "arrived" in must and figure != "arrived" else group.flights
+    return expected - int(group.figures[figure].count)
 
 
 def table(verdicts: Sequence[Verdict]) -> Table:

@@ -124,7 +124,7 @@ def _missed(cases: Sequence[Mapping[str, Any]]) -> str:
     verdict = min(
         cases, key=lambda v: (v["seen"] is not None, v["seen"] if figure.better is MORE else -(v["seen"] or 0.0))
     )
-    seen = "none" if verdict["seen"] is None else f"{figure.scale * verdict['seen']:.4g}"
+    seen = "not of every flight" if verdict["seen"] is None else f"{figure.scale * verdict['seen']:.4g}"
     sign = "at least" if figure.better is MORE else "at most"
     place = f"{verdict['run']} {verdict['case']}".strip()
     must = f"must be {sign} {figure.scale * verdict['must']:.6g}"

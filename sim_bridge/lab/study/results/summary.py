@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from sim_bridge.judge.metrics.figures import Figure
-from sim_bridge.lab.study.results.figures import BY_NAME, CONFIDENCE, figures_of
+from sim_bridge.lab.study.results.figures import BY_NAME, CONFIDENCE, NOTHING_TO_TELL, figures_of
 
 SIZE = "swarm.size"
 UNLIMITED = 10_000  # characters
@@ -32,24 +32,25 @@ Row = dict[str, Any]
 class Spread:
     """One figure over the seeds that have it. `low`, `high`: 95 % interval of the mean, Student's t; None below two.
 
-    `p95`: what 95 % of the seeds keep, rounded to the worse.
+    `p95`: what 95 % of the seeds keep, rounded to the worse: of all, those without the figure too; None: fewer have it.
     """
 
     count: int
     mean: float
     sd: float | None
     worst: float
-    p95: float
+    p95: float | None
     low: float | None
     high: float | None
 
 
-def spread(values: Sequence[float], worst: Any = max) -> Spread | None:
-    """None without values."""
+def spread(values: Sequence[float], worst: Any = max, lacking: int = 0) -> Spread | None:
+    """None without values. `lacking`: so many flights besides should have one."""
     if not values:
         return None
     mean = statistics.fmean(values)
-    kept = sorted(values, reverse=worst is min)[math.ceil(CONFIDENCE * len(values)) - 1]
+    rank = math.ceil(CONFIDENCE * (len(values) + lacking)) - 1
+    kept = sorted(values, reverse=worst is min)[rank] if rank < len(values) else None
     if len(values) < 2:
         return Spread(1, mean, None, worst(values), kept, None, None)
     from scipy import stats  # a second to import
@@ -131,7 +132,7 @@ def _group(rows: list[Row], alone: list[float] | None) -> Group:
     flown = [row for row in rows if row["status"] == "flown"]
     figures = {}
     for figure in figures_of(first["backend"]):
-        found = _spread_of(figure, flown)
+        found = _spread_of(figure, flown, len(rows))
         if found is not None:
             figures[figure.name] = found
     return Group(
@@ -147,11 +148,12 @@ def _group(rows: list[Row], alone: list[float] | None) -> Group:
     )
 
 
-def _spread_of(figure: Figure, flown: Sequence[Row]) -> Spread | None:
+def _spread_of(figure: Figure, flown: Sequence[Row], flights: int) -> Spread | None:
     if figure.of_case is not None:  # one value of all flights together
         value = figure.of_case(flown)
         return None if value is None else Spread(len(flown), value, None, value, value, None, None)
-    return spread([value for row in flown if (value := figure.of(row)) is not None], figure.worst)
+    values = [value for row in flown if (value := figure.of(row)) is not None]
+    return spread(values, figure.worst, 0 if figure.name in NOTHING_TO_TELL else flights - len(values))
 
 
 def write(groups: Sequence[Group], folder: Path) -> None:

@@ -74,6 +74,11 @@ class Aided:
         return self._uses
 
     @property
+    def north_off_rad(self) -> float:
+        """By how much the north that it tells by is off the map's, eastwards: true yaw less told yaw."""
+        return self._yaw_error
+
+    @property
     def fix(self) -> Fix:
         """The receiver's last."""
         return self._receiver.fix

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from companion.core.guidance.course_planner import FREE_BEYOND_M, VERIFIED_MAX, CoursePlanner
+from companion.core.guidance.course_planner import COURSES, FREE_BEYOND_M, VERIFIED_MAX, CoursePlanner
 from companion.core.guidance.search.path_search import WIDER_M
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.safety.bounds import Bound
-from companion.core.safety.response_model import CREEP_MPS, LAG_S, ResponseModel
+from companion.core.safety.response_model import CALM, CREEP_MPS, LAG_S, ResponseModel
 from companion.core.safety.safety_filter import SafetyFilter
 from tests.unit.core.core_kit import mission
 
@@ -143,3 +143,14 @@ def test_point_that_is_nearer_than_allowed_may_be_left_but_not_approached() -> N
     assert STOPPING.is_clear(points, rest, rest, (-1.0, 0.0), 0.05, slews=False)
     assert STOPPING.is_clear(points, rest, rest, (0.0, 1.0), 0.05, slews=False)
     assert not STOPPING.is_clear(points, rest, rest, (1.0, 0.0), 0.05, slews=False)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_what_stands_near_behind_bars_courses_to_both_sides(side: float) -> None:
+    """170 degrees to one side, and nearer than it should be: courses back to the other side lead no better."""
+    at = math.radians(170.0 * side)
+    near = points_at((0.6 * math.cos(at), 0.6 * math.sin(at)))
+    free_m = CoursePlanner(STOPPING)._free_ways(near, CALM, (0.0, 0.0), 0.0, 0.25, 8.0)
+    barred = [5 * (k - COURSES) for k, room_m in enumerate(free_m) if room_m == 0.0]
+    assert {-150 * side, -105 * side, 85 * side, 150 * side} <= set(barred)
+    assert not set(barred) & set(range(-75, 76, 5))

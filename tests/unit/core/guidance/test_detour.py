@@ -54,6 +54,11 @@ def test_it_flies_as_desired_where_nothing_or_a_trunk_is_in_the_way() -> None:
         assert lead(detour, seen) == NORTH
 
 
+def test_a_leader_that_is_there_and_pushed_looks_for_no_way() -> None:
+    """By what it has gone too far: to a place behind it."""
+    assert lead(Detour(0.25), wall(12.0, 6.0, -3.0), reach_m=-6.0) == NORTH
+
+
 @pytest.mark.parametrize(("left_m", "right_m", "side"), [(12.0, 6.0, 1.0), (6.0, 12.0, -1.0)])
 def test_before_a_wall_it_goes_to_the_end_that_is_nearer_as_fast_as_desired(
     left_m: float, right_m: float, side: float

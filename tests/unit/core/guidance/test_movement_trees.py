@@ -104,6 +104,18 @@ def test_plans_go_round_the_missions_trunk_and_those_that_hang_still_though_no_s
     assert len(around) == 2
 
 
+@pytest.mark.parametrize("received", [True, False])
+def test_a_place_that_others_tell_pushes_nobody_who_stands(received: bool) -> None:
+    """One word after the other would push it anywhere; what it lost itself it keeps clear of."""
+    near = PeerReport(3, (1.0, 0.0, 0.0), 20.0, silent=True, received=received)
+    orders = {"state": FlightState.HOLD, "role": Role.FOLLOWER, "route": formation.NOWHERE, "goal": None}
+    north_mps, east_mps, _ = flown(vel=ZERO, standing={3: near}, **orders).setpoint_ned_mps
+    if received:
+        assert (north_mps, east_mps) == (0.0, 0.0)
+    else:
+        assert north_mps < -0.3
+
+
 def test_one_that_has_just_fallen_silent_holds_nobody_among_trees() -> None:
     """Hidden for a moment: each of these would stop the swarm."""
     silent = PeerReport(3, (25.0, 0.0, 0.0), 1.0, silent=True)

@@ -85,6 +85,33 @@ def test_a_box_in_sectors_is_no_stem_even_where_it_is_taken_for_no_wall(far_m: f
     assert find_stems(scan, SECTORS) == []
 
 
+BOX: tuple[Line, Line] = (((4.0, 5.0), (9.0, 5.0)), ((4.0, 5.0), (4.0, 18.0)))  # its sides to the west and the south
+
+
+@pytest.mark.parametrize("eye", [(0.0, 0.0), (0.0, -1.5), (0.8, -0.7)])
+def test_a_side_of_a_box_is_a_wall_in_sectors_as_far_as_it_is_seen(eye: tuple[float, float]) -> None:
+    """Its last hit is as far off as the wall at the sector's edge, and not in its middle."""
+    walls = [wall for wall in find_walls(scan_of(BOX, eye, SECTORS), SECTORS) if wall.tells]
+    west_rad = -math.pi / 2.0
+    assert min(abs(math.remainder(wall.normal_rad - west_rad, math.tau)) for wall in walls) < 0.05
+
+
+@pytest.mark.parametrize("half_m", [2.0, 3.0])
+@pytest.mark.parametrize("slant_rad", [0.0, 0.4, 0.8, -0.8])
+def test_what_is_seen_of_a_wall_far_off_is_no_stems_in_sectors(half_m: float, slant_rad: float) -> None:
+    n, e = half_m * math.cos(slant_rad), half_m * math.sin(slant_rad)
+    scan = scan_of([((n, 11.0 + e), (-n, 11.0 - e))], (0.0, 0.0), SECTORS)
+    assert find_stems(scan, SECTORS, mark_walls(find_walls(scan, SECTORS), scan)) == []
+
+
+@pytest.mark.parametrize("corner", [(7.0, 8.5), (7.15, 8.65)])
+def test_a_corner_of_a_box_far_off_is_no_stems_in_sectors(corner: tuple[float, float]) -> None:
+    n, e = corner
+    scan = scan_of([((n, e), (n + 6.0, e)), ((n, e), (n, e + 6.0))], (0.0, 0.0), SECTORS)
+    assert sum(range_m < math.inf for range_m in scan.ranges_m) > 1
+    assert find_stems(scan, SECTORS, mark_walls(find_walls(scan, SECTORS), scan)) == []
+
+
 @pytest.mark.parametrize(
     ("kind", "at"), [(FINE, (0.0, 2.5)), (SECTORS, (1.0, 2.0)), (SECTORS, (0.0, 3.0)), (SECTORS, (1.0, 2.7))]
 )
@@ -168,6 +195,17 @@ def test_pieces_of_a_wall_behind_others_that_fly_along_are_no_trunks(kind: ScanC
     on_wall = [t for t in flight.motion.odometry.trunks if t.is_good and abs(t.east_m - 4.0) < 0.5]
     assert on_wall == []
     assert math.hypot(*flight.motion.odometry.shift_m) < 0.5
+
+
+@pytest.mark.parametrize("corner", [(2.0, 8.0), (3.0, 9.0), (4.0, 10.0)])
+def test_a_box_that_is_passed_turns_no_heading(corner: tuple[float, float]) -> None:
+    """Its sides, seen in a few sectors each, were taken for trunks that slid along: by 13 degrees."""
+    n, e = corner
+    flight = Beside([((n, e), (n + 6.0, e)), ((n, e), (n, e + 8.0))], SECTORS, (0.0, 0.0))
+    for _ in range(40):
+        flight.run(0.2)
+        assert abs(flight.motion.odometry.turn_rad) < math.radians(1.0)
+    assert math.hypot(*flight.motion.odometry.shift_m) < 0.1
 
 
 @pytest.mark.parametrize("anew", [True, False])

@@ -7,11 +7,12 @@ import math
 from companion.core.guidance import formation
 from companion.core.guidance.guidance_input import GuidanceInput
 from companion.core.guidance.sensing_planner import SensingPlanner
+from companion.core.model.beacon import PeerReport
 from companion.core.model.events import Position
 from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.model.vectors import ZERO, add, scale
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
-from companion.core.safety.descent import AGAIN_S, LANDING_ROOM_M, ROOM_LIMIT_S, LandingRoom
+from companion.core.safety.descent import AGAIN_S, LANDING_ROOM_M, ROOM_LIMIT_S, TOLD_LIMIT_S, LandingRoom
 from companion.core.safety.safety_filter import SafetyFilter
 from tests.unit.core.core_kit import mission, neighbour
 from tests.unit.core.core_surroundings import surroundings
@@ -29,6 +30,17 @@ def test_it_lands_at_once_where_there_is_room_and_else_after_a_while() -> None:
     assert room.is_clear((), {}, 0.8, 10.0 + ROOM_LIMIT_S)
     assert not room.is_clear((neighbour(2, (1.0, 0.0, -6.0)),), {}, 0.8, 10.05 + ROOM_LIMIT_S)
     assert not room.is_clear((), {}, 0.8, 10.1 + ROOM_LIMIT_S + AGAIN_S + DT_S)  # another landing
+
+
+def test_a_place_that_others_tell_delays_a_landing_and_one_that_was_lost_here_bars_it() -> None:
+    """In the open sky nothing shows that a told place is empty, and it pushes nobody off it."""
+    told = {3: PeerReport(3, (1.0, 0.0, 0.0), 20.0, silent=True, received=True)}
+    lost = {3: PeerReport(3, (1.0, 0.0, 0.0), 20.0, silent=True, elsewhere=((2.0, 0.0, 0.0),))}
+    room = LandingRoom(mission())
+    for k in range(round(TOLD_LIMIT_S / DT_S)):
+        assert not room.is_clear((), told, math.inf, k * DT_S)
+    assert room.is_clear((), told, math.inf, TOLD_LIMIT_S)
+    assert not room.is_clear((), lost, math.inf, TOLD_LIMIT_S)
 
 
 def test_one_that_is_to_land_moves_off_a_trunk_to_where_it_may() -> None:

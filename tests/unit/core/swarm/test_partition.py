@@ -267,6 +267,43 @@ def test_another_leader_takes_no_part_past_the_missions_height() -> None:
         assert set(heights_m) == {own_m, layer_m}
 
 
+def after_a_stall(leader: int, before: FlightState | None, up_m: float) -> set[float | None]:
+    """Heights of a vehicle without the majority, at `up_m` after 3 s in which its companion listened.
+
+    `before`: whose state then, for 10 s without the majority, led by vehicle 3; None: nothing is known of before.
+    """
+    tables: dict[str, Any] = {"fence": {"altitude_min_m": 5.0}, "separation": {"height_layers": True}}
+    parts, now_s, heights_m = build_partition(mission(sensing={}, swarm={"size": 3}, **tables)), 100.0, set()
+    times = [(3, before, 10.0)] if before is not None else []
+    for led_by, state, seconds in [*times, (leader, FlightState.WAITING, 3.0), (leader, FlightState.HOLD, 5.0)]:
+        heights_m = set[float | None]()
+        for _ in range(round(seconds / PERIOD_S)):
+            now_s += PERIOD_S
+            own = Position((0.0, 0.0, -up_m), ZERO)
+            now = picture(now_s=now_s, own=own, state=state, airborne=True)
+            said = replace(lease(led_by, established=True), quorum=False)
+            parts.update_quorum(now, said)
+            heights_m.add(parts.update_layer(now, said))
+    return heights_m
+
+
+def test_after_a_stall_a_vehicle_keeps_its_layer_whoever_leads() -> None:
+    """It forgot its layer, went to the mission's height for a second, and past it: leader 2's is the one below."""
+    assert after_a_stall(3, FlightState.HOLD, 10.0) == {10.0}
+    assert after_a_stall(2, FlightState.HOLD, 10.0) == {10.0}
+    assert after_a_stall(2, FlightState.HOLD, 8.5) == {10.0}  # on its way there
+
+
+@pytest.mark.parametrize(("up_m", "layer_m"), [(10.0, 10.0), (9.4, 10.0), (6.0, 6.0)])
+def test_who_is_started_again_in_a_layer_stays_on_its_side_of_the_missions_height(up_m: float, layer_m: float) -> None:
+    for leader in (2, 3):
+        assert after_a_stall(leader, None, up_m) == {up_m, layer_m}
+
+
+def test_who_was_brought_elsewhere_by_a_pilot_goes_on_from_there() -> None:
+    assert after_a_stall(3, FlightState.RELEASED, 6.0) == {6.0}
+
+
 @pytest.mark.parametrize(
     ("changes", "state", "held_m"),
     [
@@ -316,6 +353,17 @@ def test_where_there_are_layers_a_part_stands_before_it_looks_for_the_others() -
             one.period()
         one.run(0.3)
         assert one.parts.recovery.goal is not None
+
+
+def test_in_layers_a_part_stands_also_when_it_is_lost_again() -> None:
+    """It set out at once, as in one height; others that share its layer take it to be where it was."""
+    leader = Leader(SwarmPhase.TRANSIT, quorum=False, layers=True)
+    leader.parts.recovery.back_s, leader.parts.recovery.on_s = leader.now_s - 5.0, leader.now_s - 1.0
+    stands = 0
+    while leader.parts.recovery.goal is None:
+        leader.period()
+        stands += 1
+    assert PERIOD_S * stands == pytest.approx(STANDS_S, abs=2.0)
 
 
 def test_followers_of_a_part_that_stands_stand_too() -> None:

@@ -8,8 +8,10 @@ import pytest
 
 from companion.core.model.states import SwarmPhase
 from companion.core.swarm.phases import CLOSE_UP_LIMIT_S, DWELL_S, GATHER_LIMIT_S, STUCK_LAND_S, TOO_FEW_LAND_S, Phases
+from companion.core.swarm.swarm import Swarm
+from companion.core.vehicle.operator_orders import OperatorOrders
 from mission.common.forming import FORMING_LIMIT_S, GAP_WINDOW_S
-from tests.unit.core.core_kit import mission
+from tests.unit.core.core_kit import mission, picture
 
 P = SwarmPhase
 START_S = 1000.0
@@ -378,3 +380,15 @@ def test_leader_that_held_for_a_while_has_its_time_anew() -> None:
     leader.lead(STUCK_LAND_S - 5.0, to_goal_m=30.0)
     leader.now_s += 50.0
     assert leader.lead(STUCK_LAND_S - 5.0, to_goal_m=30.0) is None
+
+
+def test_the_time_in_which_a_leader_waits_for_others_counts_for_no_landing() -> None:
+    """Four lost one after the other, each waited for: the swarm landed, as stuck, before the wait was over."""
+    swarm = Swarm(mission(), 1, OperatorOrders())
+    swarm.phases.adopt_phase(P.TRANSIT, 0.0)
+    landed_s: list[float] = []
+    for now_s in range(300):
+        swarm.partition.waits_for = [2] if 50.0 < now_s <= 150.0 else []
+        swarm.decide_phase(picture(now_s=float(now_s)), 30.0)
+        landed_s += [now_s] if swarm.phases.phase is P.LAND else []
+    assert landed_s[0] == pytest.approx(STUCK_LAND_S + 100.0, abs=2.0)

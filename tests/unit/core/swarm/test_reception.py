@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from companion.core.model.beacon import Candidate, Lease
-from companion.core.model.states import Reception, SwarmPhase
-from companion.core.swarm.priorities import Priorities, score_of
+from companion.core.model.states import FlightState, Reception, SwarmPhase
+from companion.core.swarm.priorities import BARRED_S, Priorities, Resignation, score_of
 from companion.core.swarm.swarm import Swarm
+from companion.core.vehicle.failsafe import LOW_BATTERY_PERCENT
 from companion.core.vehicle.operator_orders import OperatorOrders
-from tests.unit.core.core_kit import beacon, picture
+from tests.unit.core.core_kit import beacon, mission, neighbour, picture
 from tests.unit.core.ranging_kit import ranging_mission
 
 MISSION = ranging_mission(swarm={"gnss": [1, 3], "leader_priority": [1, 2]})
@@ -98,3 +101,40 @@ def test_a_swarm_whose_leader_has_lost_its_place_does_not_leave_d1_until_it_has_
     for k in range(50, 100):
         swarm.decide_phase(picture(now_s=0.1 * k), 0.0)
     assert swarm.phases.phase > SwarmPhase.GATHER
+
+
+@pytest.mark.parametrize(("battery_percent", "out_s"), [(60, BARRED_S), (19, math.inf)])
+@pytest.mark.parametrize("hears", [True, False])
+def test_a_leader_that_had_to_resign_does_not_lead_by_turns(battery_percent: int, out_s: float, hears: bool) -> None:
+    """It took the lead back each time that its battery was at 20 % again, or a scan came, and nobody decided."""
+    swarm = Swarm(mission(swarm={"size": 3, "leader_priority": [1]}), 1, OperatorOrders())
+    led_s: list[float] = []
+    for k in range(600):
+        now_s, flaps = 0.1 * k, 100 <= k < 200 and k % 10 < 5
+        now = picture(
+            now_s=now_s,
+            state=FlightState.TRANSIT,
+            airborne=True,
+            battery_percent=battery_percent if flaps else max(20, battery_percent),
+            neighbours=[neighbour(2, (10.0, 0.0, 0.0))] if hears else [],
+        )
+        swarm.run_period(now, resigns=flaps)
+        led_s += [now_s] if swarm.election.acts else []
+    assert 9.9 in [round(at_s, 1) for at_s in led_s]
+    again_s = min([at_s for at_s in led_s if at_s > 12.0], default=math.inf)
+    if not hears:
+        assert again_s < 22.0  # nobody else would lead
+    elif out_s == math.inf:
+        assert again_s == math.inf
+    else:
+        assert 19.4 + out_s < again_s < 25.0 + out_s
+
+
+def test_who_was_out_by_a_low_battery_may_lead_with_one_that_is_not() -> None:
+    resignation, near = Resignation(), [neighbour(2, (10.0, 0.0, 0.0))]
+
+    def is_out(now_s: float, battery_percent: int) -> bool:
+        now = picture(now_s=now_s, state=FlightState.TRANSIT, battery_percent=battery_percent, neighbours=near)
+        return resignation.update(now, leads=now_s == 0.0, resigns=battery_percent < LOW_BATTERY_PERCENT)
+
+    assert [is_out(now_s, percent) for now_s, percent in ((0.0, 19), (20.0, 24), (40.0, 25))] == [True, True, False]

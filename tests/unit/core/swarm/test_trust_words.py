@@ -17,7 +17,7 @@ from companion.core.swarm.phases import Phases
 from companion.core.swarm.picture import Picture
 from companion.core.swarm.priorities import Priorities
 from companion.core.swarm.trust.blocklist import BLOCKED_S, DOUBT_LIMIT, Blocklist, strip_beacon
-from companion.core.swarm.trust.relay_watch import AGAIN_S, PATIENCE_S, Patience, find_contradicting
+from companion.core.swarm.trust.relay_watch import AGAIN_S, PATIENCE_S, STRETCHED_S, Patience, find_contradicting
 from companion.core.swarm.trust.trust import PERIODS_BESIDE, PHASE_LIE, PLAIN_LIE, RANGE_STEP_M, Trust
 from tests.unit.core.core_election_kit import follower_of, leader_of_long_standing
 from tests.unit.core.core_kit import BEACON, beacon, lease, mission, neighbour, picture
@@ -298,7 +298,7 @@ def test_who_hands_down_a_false_course_is_doubted_by_a_lost_beacon_each_period()
 def test_patience_with_one_that_holds_all_lasts_half_a_minute_and_the_swarm_goes_on_for_a_whole() -> None:
     patience, range_m = Patience(), 40.0
     holds = neighbour(3, (9.0, 0.0, 0.0), governor=0.0)
-    others = [neighbour(2, (9.0, 5.0, 0.0), governor=0.3), neighbour(4, (39.0, 0.0, 0.0), governor=0.0)]
+    others = [neighbour(2, (9.0, 5.0, 0.0), governor=0.3), neighbour(4, (39.0, 0.0, 0.0), governor=0.1)]
     everyone, since_s = [*others, holds], 500.0
     assert patience.filter_followers(everyone, since_s, range_m=range_m) == everyone
     assert patience.filter_followers(everyone, since_s + PATIENCE_S, range_m=range_m) == everyone
@@ -311,10 +311,15 @@ def test_patience_with_one_that_holds_all_lasts_half_a_minute_and_the_swarm_goes
     assert patience.filter_followers(free, last_s + AGAIN_S + 0.1, range_m=range_m) == free
 
 
-def test_a_short_link_is_one_by_the_missions_range() -> None:
-    judge, holds = trust(), [neighbour(3, (9.0, 0.0, 0.0), governor=0.0)]
-    judge.filter_followers(holds, 0.0)
-    assert judge.filter_followers(holds, PATIENCE_S + 0.1) == []
+@pytest.mark.parametrize(("away_m", "lasts_s"), [(20.0, PATIENCE_S), (27.0, STRETCHED_S)])
+def test_with_one_far_behind_patience_lasts_longer_by_the_range_that_the_formation_keeps(
+    away_m: float, lasts_s: float
+) -> None:
+    """By the full range each link on the way was short: after half a minute the leader broke a stretched one."""
+    judge, holds = trust(), [neighbour(3, (away_m, 0.0, 0.0), governor=0.0)]
+    judge.filter_followers(holds, 0.0, range_m=30.0)
+    assert judge.filter_followers(holds, lasts_s, range_m=30.0) == holds
+    assert judge.filter_followers(holds, lasts_s + 0.1, range_m=30.0) == []
 
 
 def test_whether_it_is_back_the_gate_judges_by_the_own_odometry() -> None:

@@ -8,31 +8,35 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as standard
 
+from companion.core.model.states import LandedState
 from companion.mavlink import dialect as mav
-from mission.common.frames import Wgs84
+from mission.common.frames import Vec3, Wgs84
+from mission.stand.stand import Stand
 from sim_bridge.drive.external.autopilots import Telemetry
 from sim_bridge.drive.external.truth import Truth, told_by
+from sim_bridge.world.contacts import Contacts, Touched
 
 ZEROS3 = (0.0, 0.0, 0.0)
+RATES = (0.25, -0.5, 1.0)
 HERE = Wgs84(47.397742, 8.545594, 488.5)
 LAT, LON = 473_977_420, 85_455_940
 
 
 def hil(quaternion: list[float], lat: int = LAT) -> Any:
     return standard.MAVLink_hil_state_quaternion_message(
-        0, quaternion, *ZEROS3, lat, LON, 488_500, 100, -200, 50, 0, 0, 0, 0, 0
+        0, quaternion, *RATES, lat, LON, 488_500, 100, -200, 50, 0, 0, 0, 0, 0
     )
 
 
 def sim_state(lat_int: int = LAT, lon_int: int = LON, yaw: float = 1.5) -> Any:
     attitude, place, vel = (0.1, -0.2, yaw), (47.3977, 8.5456, 488.5), (1.0, -2.0, 0.5)
     return standard.MAVLink_sim_state_message(
-        1.0, *ZEROS3, *attitude, *ZEROS3, *ZEROS3, *place, 0.0, 0.0, *vel, lat_int=lat_int, lon_int=lon_int
+        1.0, *ZEROS3, *attitude, *ZEROS3, *RATES, *place, 0.0, 0.0, *vel, lat_int=lat_int, lon_int=lon_int
     )
 
 
 def simstate() -> Any:
-    return standard.MAVLink_simstate_message(0.1, -0.2, 1.5, *ZEROS3, *ZEROS3, LAT, LON)
+    return standard.MAVLink_simstate_message(0.1, -0.2, 1.5, *ZEROS3, *RATES, LAT, LON)
 
 
 def estimate() -> Any:
@@ -87,6 +91,16 @@ def test_simstate_has_its_height_and_velocity_from_the_estimate() -> None:
     assert not truth.has_height
 
 
+@pytest.mark.parametrize("told", [hil([1.0, 0.0, 0.0, 0.0]), sim_state(), simstate()])
+def test_rates_are_told_with_the_truth_and_by_the_autopilot(told: Any) -> None:
+    attitude = standard.MAVLink_attitude_message(0, 0.0, 0.0, 0.0, *RATES)
+    telemetry = heard(estimate(), attitude, told)
+    assert telemetry.truth is not None
+    assert telemetry.truth.rates_radps == telemetry.rates_radps == RATES
+    no_rates = standard.MAVLink_attitude_message(0, 0.1, 0.0, 0.0, math.nan, 0.0, 0.0)
+    assert (heard(no_rates).attitude_rad[0], heard(no_rates).rates_radps) == (pytest.approx(0.1), ZEROS3)
+
+
 def test_simstate_is_not_taken_beside_sim_state() -> None:
     truth = heard(estimate(), simstate(), sim_state(), simstate()).truth
     assert truth is not None
@@ -106,6 +120,41 @@ def test_simstate_is_not_taken_beside_sim_state() -> None:
 def test_what_makes_no_sense_is_no_truth(message: Any) -> None:
     telemetry = heard(message)
     assert (telemetry.truth, telemetry.truth_s) == (None, -math.inf)
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_hard_fall_is_seen_when_the_truth_tells_it_long_before_the_autopilot_has_landed(told: bool) -> None:
+    """From 10 m, looked at 20 times a second; the land detector needs 1 s."""
+    telemetry, contacts, found = Telemetry(), Contacts(Stand()), []
+    down_mps, up_m = 0.0, 10.0
+
+    def tell(up_m: float, down_mps: float, landed: LandedState) -> None:
+        place, vel = (LAT, LON, round(1e3 * (488.0 + up_m))), (0, 0, round(100.0 * down_mps))
+        messages = [
+            standard.MAVLink_extended_sys_state_message(0, landed),
+            standard.MAVLink_global_position_int_message(0, *place, 0, *vel, 0),
+        ]
+        if told:
+            quaternion = [1.0, 0.0, 0.0, 0.0]
+            messages.append(
+                standard.MAVLink_hil_state_quaternion_message(0, quaternion, *RATES, *place, *vel, *[0] * 5)
+            )
+        for m in messages:
+            telemetry.receive_message(m, 7.0)
+
+    tell(0.0, 0.0, LandedState.ON_GROUND)
+    since = 0
+    for _ in range(60):
+        if up_m > 0.0:
+            down_mps += 9.81 * 0.05
+            up_m = max(0.0, up_m - down_mps * 0.05)
+        since += up_m == 0.0
+        speed_mps = down_mps if up_m else 0.0
+        tell(up_m, speed_mps, LandedState.ON_GROUND if since > 20 else LandedState.IN_AIR)
+        place: Vec3 = (0.0, 0.0, -up_m)
+        found.append(contacts.find_contact(1, place, (0.0, 0.0, speed_mps), on_ground=telemetry.is_down))
+    assert found.count(Touched.GROUND) == told
+    assert telemetry.on_ground
 
 
 def test_verdict_words_name_what_rests_on_estimates() -> None:
