@@ -26,6 +26,7 @@ the difference before you keep it.
 | `displace 1 0 6`, `freeze 1 on` | its position is so far off, north and east; stays as it is (`off`: goes on) |
 | `astray 1` | its fix would be found to be led astray, if trunks told its way |
 | `heartbeat 1 off`, `position 1 off`, `late 1 1.5` | no mode, no position told (`on`: again); told late, by s |
+| `health 1 off` | no charge and no readiness to arm told (`on`: again) |
 | `unsure 1 2` | its filter, if it flew by ranges, would be too unsure where that vehicle is (0: of none) |
 | `placeless 1 on` | it may be off by more than the budget, if it flew by ranges (`off`: not any more) |
 | `sensor 1 off` | its obstacle sensor is silent (`on`: again); of a fleet with `sensing=8` (its range) |
@@ -273,6 +274,9 @@ class Player:
 
     def do_link(self, vehicle: str) -> None:
         self.one(vehicle).is_linked = True
+
+    def do_health(self, vehicle: str, on: str) -> None:
+        self.one(vehicle).tells_health = on == "on"
 
     def do_heartbeat(self, vehicle: str, on: str) -> None:
         self.one(vehicle).tells_mode = on == "on"

@@ -20,6 +20,7 @@ from companion.core.model.vectors import ZERO, add
 from companion.core.perception.obstacle_cloud import find_hovering
 from companion.core.perception.obstacle_perception import build_perception
 from companion.core.rise.rise import build_rise
+from companion.core.safety.ascent import ClimbRoom
 from companion.core.safety.descent import LandingRoom
 from companion.core.safety.disturbance import build_disturbance_observer
 from companion.core.safety.rest import RestHold
@@ -65,8 +66,8 @@ class Agent:
         self._lane_ends, self._visits = 2 * len(mission.lanes), len(mission.visits)  # lanes' ends come first
         self.disturbances = build_disturbance_observer(mission)
         self.safety_filter = stages.build_safety_filter(mission)
-        self._landing_room, self._rest, self._accepted = LandingRoom(mission), RestHold(), Accepted()
-        self.setpoint = AT_REST  # the last that went out
+        self._climb_room, self._landing_room = ClimbRoom(mission), LandingRoom(mission)
+        self._rest, self._accepted, self.setpoint = RestHold(), Accepted(), AT_REST  # the last that went out
         self.flight = Flight(mission.route.d1_enu_m[2], self.sensors)
         self._ticks_per_beacon = round(TICK_HZ / mission.radio.beacon_rate_hz)
         self._ticks, self._sent_early = 0, False  # a beacon before its time, in this period
@@ -218,10 +219,11 @@ class Agent:
         gathers = phase is SwarmPhase.GATHER and not swarm.phases.overdue(now_s)
         uncertain = picture.find_uncertain_peer(self.id, leader, gathers=gathers)
         findings = [*picture.lacks, *failsafe_engine.detect(Source.LOCALISATION, Readings(unsure_of=uncertain))]
-        has_room = lands and self._landing_room.is_clear(
-            picture.neighbours, picture.silent, self.perception.nearest_m(picture.own), now_s
-        )
+        neighbours, silent, nearest_m = picture.neighbours, picture.silent, self.perception.nearest_m
+        has_room = lands and self._landing_room.is_clear(neighbours, silent, nearest_m(picture.own), now_s)
         findings += swarm.findings(picture, clear_below=has_room)
+        if flight.state is FlightState.TAKING_OFF:
+            flight.clear_above = self._climb_room.is_clear(neighbours, silent, now_s)
         may_join, allowed, not_localised = swarm.may_join(), swarm.operator.may_take_off, picture.not_localised
         requests = flight.update_flight(
             phase, now_s, findings=findings, may_join=may_join, may_take_off=allowed, not_localised=not_localised
@@ -260,8 +262,7 @@ class Agent:
 
     def status(self, now_s: float) -> Status:
         """The state of this agent, as of its last tick."""
-        vehicle, swarm, election = self.flight.vehicle, self.swarm, self.swarm.election
-        lease = election.lease
+        vehicle, swarm, lease = self.flight.vehicle, self.swarm, self.swarm.election.lease
         return Status(
             id=self.id,
             state=self.flight.state,
@@ -271,8 +272,8 @@ class Agent:
             grounded=self.flight.grounded,
             lease=lease,
             leader=lease.leader if lease is not None and lease.established else 0,
-            role=election.role,
-            hop=election.hop,
+            role=swarm.election.role,
+            hop=swarm.election.hop,
             parent=swarm.route.parent,
             route_cost=swarm.route.cost,
             governor=swarm.governor,

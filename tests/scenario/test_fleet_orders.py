@@ -264,3 +264,22 @@ def test_a_start_to_a_vehicle_that_has_landed_is_refused_in_words() -> None:
     swarm.order(2, Order.START)
     swarm.run(0.5)
     assert swarm.aircraft[2].said[-1] == "not handed back: landed, restart companion"
+
+
+def test_one_whose_link_fails_while_the_swarm_lands_makes_room_and_lands() -> None:
+    swarm = fleet(3, "GATHERING")
+    taken, cut = swarm.aircraft[1], swarm.aircraft[2]
+    taken.mode, taken.vel_ned_mps = FlightMode.OTHER, (0.0, 0.0, 0.0)  # its pilot hovers, near that one
+    swarm.run(0.2)
+    north, east, down = taken.pos_ned_m
+    cut.put((north + 6.5, east, down))
+    for vehicle in swarm.aircraft:
+        swarm.order(vehicle, Order.LAND)
+    swarm.run(0.1)
+    cut.is_linked, cut.vel_ned_mps = False, (0.0, 0.0, 0.0)
+    swarm.run(1.5)
+    cut.is_linked = True
+    assert math.dist(taken.pos_ned_m[:2], cut.pos_ned_m[:2]) < 7.5
+    swarm.until("LANDED", limit_s=60.0, among=[2, 3])
+    assert math.dist(taken.pos_ned_m[:2], cut.pos_ned_m[:2]) > 7.5
+    assert taken.state is FlightState.RELEASED

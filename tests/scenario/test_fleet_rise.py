@@ -14,7 +14,7 @@ from companion.core.model.stand import RecordsWaiting
 from companion.core.model.states import FlightMode, FlightState, Order
 from companion.core.model.vectors import ZERO
 from companion.core.perception.columns.column import Column
-from companion.core.rise.rise import ColumnRise, Stage
+from companion.core.rise.rise import BACK_S, CLIMBS_M, ColumnRise, Stage
 from companion.core.safety.setpoint import Setpoint
 from companion.core.safety.surroundings import Surroundings
 from mission.common.frames import Vec3
@@ -201,6 +201,27 @@ def test_off_its_column_it_does_not_climb_and_farther_off_it_is_not_in_it_any_mo
             heights_m.append(leader.altitude_m)
         assert heights_m[-1] < heights_m[20] + 0.1  # a second for its speed to end
         assert (heights_m[-1] < heights_m[20] - 0.5) is falls
+
+
+def test_blown_off_its_column_on_the_way_down_it_comes_back_at_its_height_for_a_while() -> None:
+    swarm, leader = risen()
+    swarm.waiting = 0
+    swarm.until_true(lambda: rise_of(leader).stage is Stage.DESCENDS, limit_s=5.0)
+    swarm.run(1.0)
+    north, east = rise_of(leader)._axis_ne_m
+    before_m = leader.altitude_m
+    leader.put((north + 2.0, east, leader.pos_ned_m[2]))
+    while math.dist(leader.pos_ned_m[:2], (north, east)) > CLIMBS_M:
+        swarm.tick()
+    assert leader.altitude_m > before_m - 1.0  # its speed ends
+    swarm.run(0.2)
+    held_m = []
+    for _ in range(round((BACK_S + 3.0) / TICK_S)):  # a wind that it cannot hold
+        leader.put((north + 2.0, east, leader.pos_ned_m[2]))
+        swarm.tick()
+        held_m.append(leader.altitude_m)
+    assert held_m[round(BACK_S / TICK_S) - 2] > held_m[20] - 0.3
+    assert held_m[-1] < held_m[20] - 1.0
 
 
 def test_others_are_not_led_up_and_keep_out_from_under_it() -> None:

@@ -34,6 +34,7 @@ REACH_M: Final = 8.0  # level, from the place in coverage to a column
 THERE_M: Final = 0.3  # of the axis
 CLIMBS_M: Final = 0.5  # of the axis: farther off it goes neither up nor down
 LEAVES_M: Final = 0.8  # of the axis: farther off the column is not its own any more
+BACK_S: Final = 10.0  # farther off than CLIMBS_M on the way down: so long it stays at its height to come back to it
 LEVEL_GAIN_PER_S: Final = 0.8
 LEVEL_MPS: Final = 1.0
 UP_GAIN_PER_S: Final = 1.0
@@ -112,6 +113,8 @@ class ColumnRise(Rise):
         self._home_up_m = self._heights_m[0]
         self._laid_stop = -1
         self._began_s = self._again_s = self._looked_s = -math.inf
+        self._astray_s: float | None = None  # on the way down: since it is farther off than CLIMBS_M
+        self._back_up_m = NO_COLUMN  # then: its height, for BACK_S
         self._covers_since_s: float | None = None
         self._waiting = 0
         self._grew_s: float | None = None  # when the base station acknowledged one more
@@ -140,6 +143,7 @@ class ColumnRise(Rise):
         if not orders.steers or not picture.is_steered:  # its autopilot or its pilot has it
             self.stage, self._covers_since_s = Stage.RESTS, None
             return []
+        self._note_astray(picture.now_s)
         match self.stage:
             case Stage.RESTS if self._up_m > self._ceiling_m + ABOVE_M:
                 # A companion that has started anew up there: what is below is the way that it came
@@ -156,6 +160,15 @@ class ColumnRise(Rise):
                 if self._up_m <= self._home_up_m + DOWN_M:
                     self._end_rise(picture.now_s)
                 return []
+
+    def _note_astray(self, now_s: float) -> None:
+        """Record since when it is off its column on the way down, and the height that it comes back at."""
+        if self.stage is not Stage.DESCENDS or self._off_m <= CLIMBS_M:
+            self._astray_s, self._back_up_m = None, NO_COLUMN
+        elif self._astray_s is None:
+            self._astray_s, self._back_up_m = now_s, self._up_m
+        elif now_s - self._astray_s >= BACK_S:
+            self._back_up_m = NO_COLUMN
 
     # --- the stages ---
 
@@ -252,7 +265,9 @@ class ColumnRise(Rise):
     @property
     def free_up_m(self) -> float:
         """As the base says."""
-        return self._top_m if self.stage is Stage.RISES and self._off_m <= LEAVES_M else NO_COLUMN
+        if self.stage is Stage.RISES and self._off_m <= LEAVES_M:
+            return self._top_m
+        return self._back_up_m + MARGIN_M
 
     def bring_beside(self, picture: Picture) -> Others:
         """As the base says: for a vehicle that is up itself, others are where they are."""

@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from companion.core.model.states import CLIMBING, DESCENDING
+from companion.core.model.states import CLIMBING, DESCENDING, FlightState
 from companion.core.model.vectors import ZERO, dot, is_finite, limit, norm, scale, sub
 from companion.core.perception.obstacle_cloud import GIVES_M, LocalObstacleCloud, Obstacle, ObstacleKind
 from companion.core.perception.vehicles.vehicle_tracks import SeenVehicle
@@ -226,25 +226,11 @@ class SafetyFilter:
         """Bounds on closing on each of the others: of the commanded velocity, which the drift amends.
 
         Among trees those that give way may stop at once, before a trunk. One whose beacon is overdue may hover silent,
-        too; where others hear one that this vehicle does not counts as where that one hovers.
+        too; where others hear one that this vehicle does not counts as where that one hovers. One that its autopilot
+        takes up from below, or down from above, is kept from at every height.
         """
         response, unsure_m = self.response, min(around.error_m, ERROR_COUNTS_M)
-        bounds: list[Bound] = []
-        keep_m = clearance_m(ObstacleKind.SILENT, Use.FILTER, self.hard_separation_m)
-        for rel in around.silent_ned_m:
-            bounds += self._bound(response, rel, keep_m, unsure_m)
-        for rel in around.told_ned_m:
-            bounds += [Bound(b.along, max(0.0, b.most_mps)) for b in self._bound(response, rel, keep_m, unsure_m)]
-        for neighbour in around.neighbours:
-            if neighbour.is_overdue and neighbour.beacon.airborne:
-                rel = neighbour.rel_ned_m
-                bounds += self._bound(response, rel, keep_m, unsure_m)
-                if neighbour.beacon.state in BETWEEN_HEIGHTS:  # and at every height, as one that is silent
-                    bounds += self._bound(response, (rel[0], rel[1], 0.0), keep_m, unsure_m)
-        for rel, age_s in around.relayed:
-            told = self._bound(response, rel, keep_m + AGE_WIDENS_MPS * age_s, unsure_m)
-            bounds += [Bound(b.along, max(0.0, b.most_mps)) for b in told]
-        bounds = to_commanded(bounds, drift_ned_mps)
+        bounds = to_commanded(self._separations_from_still(around, unsure_m), drift_ned_mps)
         own_x, own_y, own_z = around.own.vel_ned_mps
         drift_x, drift_y, drift_z = drift_ned_mps
         for neighbour in around.neighbours:  # written out: this runs for every neighbour in every tick
@@ -270,6 +256,32 @@ class SafetyFilter:
                 most_mps = min(most_mps, max(0.0, unsure_mps))
             bounds.append(Bound(n, most_mps - (x * drift_x + y * drift_y + z * drift_z)))
         bounds += self._separations_from_seen(around.seen, around.own.vel_ned_mps, drift_ned_mps)
+        return bounds
+
+    def _separations_from_still(self, around: Surroundings, unsure_m: float) -> list[Bound]:
+        """Bounds of the true velocity on closing on places, and on columns in which a vehicle climbs or lands."""
+        response = self.response
+        bounds: list[Bound] = []
+        keep_m = clearance_m(ObstacleKind.SILENT, Use.FILTER, self.hard_separation_m)
+        for rel in around.silent_ned_m:
+            bounds += self._bound(response, rel, keep_m, unsure_m)
+        for rel in around.told_ned_m:
+            bounds += [Bound(b.along, max(0.0, b.most_mps)) for b in self._bound(response, rel, keep_m, unsure_m)]
+        column_m = clearance_m(ObstacleKind.NEIGHBOUR, Use.FILTER, self.hard_separation_m)
+        for neighbour in around.neighbours:
+            rel, beacon = neighbour.rel_ned_m, neighbour.beacon
+            comes = (
+                FlightState.LANDING if rel[2] < 0.0 else FlightState.TAKING_OFF
+            )  # to this height, giving way to nobody
+            if neighbour.is_overdue and beacon.airborne:
+                bounds += self._bound(response, rel, keep_m, unsure_m)
+                if beacon.state in BETWEEN_HEIGHTS:  # and at every height, as one that is silent
+                    bounds += self._bound(response, (rel[0], rel[1], 0.0), keep_m, unsure_m)
+            elif beacon.state is comes and beacon.airborne:
+                bounds += self._bound(response, (rel[0], rel[1], 0.0), column_m, unsure_m)
+        for rel, age_s in around.relayed:
+            told = self._bound(response, rel, keep_m + AGE_WIDENS_MPS * age_s, unsure_m)
+            bounds += [Bound(b.along, max(0.0, b.most_mps)) for b in told]
         return bounds
 
     def _separations_from_seen(

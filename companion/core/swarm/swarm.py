@@ -131,10 +131,9 @@ class Swarm:
         return self._holds(picture) + failsafe_engine.detect(Source.SWARM, readings)
 
     def may_join(self) -> bool:
-        """A leader is known, and its swarm flies."""
+        """A leader is known, and its swarm flies: also where it lands, as who is steered can make room to."""
         lease = self.election.lease
-        flying = SwarmPhase.GATHER <= self.phases.phase < SwarmPhase.LAND
-        return lease is not None and lease.established and flying
+        return lease is not None and lease.established and self.phases.phase >= SwarmPhase.GATHER
 
     def lease_freshness(self) -> float:
         """1 while the leader is heard of, falling to 0 as its lease runs out."""

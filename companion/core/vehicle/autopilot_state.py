@@ -38,6 +38,8 @@ NO_POSITION: Final = failsafe_engine.row(Cause.NO_POSITION)
 LATE: Final = failsafe_engine.row(Cause.TELEMETRY_LATE)
 GAP_S: Final = 0.4  # a link that was silent for so long may have cost the autopilot its setpoints; its timeout is 0.5 s
 DRIFT: Final = 1e-3  # of the least delay: crystals drift by 2e-4, and a constant delay outlasts a flight
+LANDED_OLD_S: Final = 3.0  # it comes five times a second: of one that is armed an older one tells nothing
+HEALTH_OLD_S: Final = failsafe_engine.row(Cause.BATTERY_UNKNOWN).delay_s  # it comes once a second
 LEAP_S: Final = 2.0  # vehicle time may run ahead of ours by this much at once; further, or back, it is doubted
 BELIEVED_AFTER: Final = 3  # frames in a row: then it is so
 TAKEOFF_SHORT_SHARE: Final = 0.1  # of the altitude: so far below it a climb may end, where that is more than the make's
@@ -55,11 +57,11 @@ class Vehicle:
         self.position: Position | None = None
         self.mode: AutopilotMode | None = None
         self.landed = LandedState.UNDEFINED
-        self.ready_to_arm = False
-        self.battery_percent: int | None = None
+        self._ready_to_arm = False
+        self._battery_percent: int | None = None
         self.heartbeat_s = -1e9
         self.delay = Delay()
-        self._position_s = -1e9
+        self._position_s = self._landed_s = self._health_s = -1e9
         self._heard_s = -1e9
         self._gap_ended_s = self._airborne_s = -1e9
 
@@ -77,18 +79,35 @@ class Vehicle:
             case AutopilotMode():
                 self.mode, self.heartbeat_s = event, now_s
             case AutopilotHealth():
-                self.ready_to_arm, self.battery_percent = event.ready_to_arm, event.battery_percent
+                self._ready_to_arm, self._battery_percent = event.ready_to_arm, event.battery_percent
+                self._health_s = now_s
             case Landed():
                 if self.airborne:
                     self._airborne_s = now_s
-                self.landed = event.state
+                self.landed, self._landed_s = event.state, now_s
             case AutopilotText() | Answer():
                 pass  # a sign of life
 
     @property
     def airborne(self) -> bool:
-        """In the air, by whatever it is flown."""
-        return self.landed in (LandedState.IN_AIR, LandedState.TAKEOFF, LandedState.LANDING)
+        """In the air, by whatever it is flown; or armed, and its landed state has not come for long."""
+        told = self.landed in (LandedState.IN_AIR, LandedState.TAKEOFF, LandedState.LANDING)
+        return told or (self.armed and self._is_landed_old)
+
+    @property
+    def _is_landed_old(self) -> bool:
+        """It was told on the ground once, and other messages have come for long since."""
+        return self.landed is LandedState.ON_GROUND and self._heard_s - self._landed_s > LANDED_OLD_S
+
+    @property
+    def ready_to_arm(self) -> bool:
+        """As it says, and has said a moment ago."""
+        return self._ready_to_arm and self._heard_s - self._health_s <= HEALTH_OLD_S
+
+    @property
+    def battery_percent(self) -> int | None:
+        """Charge; None: not told, or long ago."""
+        return self._battery_percent if self._heard_s - self._health_s <= HEALTH_OLD_S else None
 
     def was_airborne(self, now_s: float) -> bool:
         """In the air, or a moment ago: longer than a HEARTBEAT takes to show that it was disarmed there."""
@@ -149,7 +168,7 @@ class Vehicle:
             return self.mode.name
         if self.position_missing(now_s):
             return self.position_missing(now_s)
-        if self.landed is LandedState.UNDEFINED:
+        if self.landed is LandedState.UNDEFINED or (self._is_landed_old and not self.armed):
             return "no landed state"
         if self.sensors.missing(now_s):
             return self.sensors.missing(now_s)
@@ -174,6 +193,7 @@ class Vehicle:
             telemetry_late=self.delay.late,
             telemetry_late_s=self.delay.late_s,
             battery_percent=self.battery_percent,
+            battery_age_s=0.0 if self._battery_percent is None else self._heard_s - self._health_s,
             airborne=self.airborne,
             gnss_lost_s=gnss_lost_s,
             no_scan=self.sensors.no_scan,

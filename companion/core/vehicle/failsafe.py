@@ -99,6 +99,7 @@ class Cause(IntEnum):
     NO_MAJORITY = auto()
     POSITION_UNCERTAIN = auto()
     POSITION_DOUBTED = auto()
+    BATTERY_UNKNOWN = auto()
     BATTERY_LOW = auto()
 
 
@@ -120,6 +121,7 @@ class Readings(NamedTuple):
     telemetry_late: bool = False  # positions are too long under way
     telemetry_late_s: float = 0.0
     battery_percent: int | None = None
+    battery_age_s: float = 0.0  # since it was told, where it ever was
     airborne: bool = False
     gnss_lost_s: float = 0.0  # without the fix that its position went by
     no_scan: bool = False  # of an obstacle sensor that the mission has it fly by
@@ -649,6 +651,20 @@ ROWS: tuple[Row, ...] = (
         until="it has landed, or its position is back where it was; meanwhile its beacons say how far it may be off",
         detail=_name_doubt,
         resigns=True,
+    ),
+    Row(
+        Cause.BATTERY_UNKNOWN,
+        Source.AUTOPILOT,
+        "its battery was told, and has not been for {delay_s} s, in the air, while other messages come",
+        lambda r: r.battery_age_s if r.airborne else 0.0,
+        Response.RESIGN,
+        Clear.GONE,
+        Severity.WARNING,
+        "battery not told for {delay_s} s",
+        until="it is told again",
+        delay_s=10.0,  # SYS_STATUS comes once a second
+        resigns=True,
+        advice="land it in time: no charge ends this flight any more",
     ),
     Row(
         Cause.BATTERY_LOW,

@@ -25,7 +25,7 @@ from companion.core.model.vectors import norm
 from companion.core.vehicle import failsafe_engine, flight_table
 from companion.core.vehicle.autopilot_state import Vehicle
 from companion.core.vehicle.failsafe import Cause, Finding, Readings, Response, Source
-from companion.core.vehicle.flight_modes import Modes
+from companion.core.vehicle.flight_modes import Climb, Modes
 from companion.core.vehicle.flight_table import EVENT_OF_PHASE, EVENT_OF_RESPONSE, Effect, FlightEvent
 from companion.core.vehicle.hold_reports import HoldReports
 from companion.core.vehicle.obstacle_sensor_monitor import ObstacleSensorMonitor
@@ -50,11 +50,12 @@ class Flight:
         self._modes = Modes(self.vehicle)
         self._requests = AutopilotRequests()
         self._listens_since_s = -1e9  # only a HEARTBEAT after it counts
-        self._stalled = False  # while it climbs
-        self._hold_is_ours = False  # it stalled in the HOLD that `_awaits_offboard`
+        self._hold_is_ours = False  # it stalled in the HOLD that awaits OFFBOARD
         self._holds = HoldReports()
         self._steering_since_s: float | None = None  # since when setpoints have been streaming
-        self._armed_seen = self._takeoff_seen = self._may_take_off = False
+        self._climb = Climb(self.vehicle, self._modes, takeoff_altitude_m)
+        self._may_take_off = False
+        self.clear_above = True  # nobody hovers in the way of its climb, when it takes off
         self._waiting = Waiting()
         self._late_said = False
         self._said: list[Say] = []
@@ -108,14 +109,9 @@ class Flight:
         if climbs or self.state is FlightState.LANDING:
             self._move(FlightEvent.LISTEN_ON)
             return
-        hold_is_ours = self._hold_is_ours or self._awaits_offboard()
+        hold_is_ours = self._hold_is_ours or (self.state in STEERED and self._modes.awaits_offboard)
         self._move(FlightEvent.LISTEN)
         self._hold_is_ours = hold_is_ours
-
-    def _awaits_offboard(self) -> bool:
-        """Steered, but still in the HOLD in which its climb ended or an operator handed it back."""
-        in_hold = self._modes.is_in(FlightMode.HOLD) and self._modes.as_it_began
-        return in_hold and self.state in STEERED and not self._modes.offboard_seen
 
     def _listen(self) -> None:
         self._steering_since_s = None
@@ -156,7 +152,7 @@ class Flight:
             case FlightState.READY:
                 asks += self._ready(phase, now_s, findings)
             case FlightState.TAKING_OFF:
-                asks += self._take_off(now_s, findings)
+                asks += self._take_off(phase, now_s, findings)
             case FlightState.LANDING:
                 asks += self._land(now_s)
             case FlightState.RELEASED | FlightState.LANDED:
@@ -177,7 +173,8 @@ class Flight:
         asked_of_it = self.state in STEERED or self.state in (FlightState.TAKING_OFF, FlightState.LANDING)
         if asked_of_it and not self._listens:
             link = Readings(silence_s=self.vehicle.silence_s(now_s), steers=self.steers)
-            self._respond_to(failsafe_engine.detect(Source.LINK, link))
+            for found in failsafe_engine.detect(Source.LINK, link):
+                self._respond(found)
 
     def _mind_lateness(self) -> None:
         """Said once each time, whatever the flight does: a relay's backlog is the operator's to mend."""
@@ -209,6 +206,10 @@ class Flight:
             self._move(FlightEvent.CHECKS_PASS)
             self._report_text(Severity.INFO, "ready")
             return []
+        return self._report_wait(reason, now_s)
+
+    def _report_wait(self, reason: str, now_s: float) -> list[Ask | Say]:
+        """Wait, and ask for nothing; the reason is said once when it lasts."""
         if self._waiting.update(reason, now_s):
             self._report_text(Severity.INFO, brief(f"waiting: {reason}"))
         return []
@@ -221,38 +222,38 @@ class Flight:
         if self._missing(now_s) or self.vehicle.armed:  # armed: not by this companion
             self._move(FlightEvent.CHECKS_FAIL)
             return []
-        lands = failsafe_engine.demands(failsafe_engine.decide(findings), Response.LAND)
-        if self._may_take_off and SwarmPhase.GATHER <= phase < SwarmPhase.LAND and not lands:
+        if self._may_begin(phase, now_s, findings):
             self._move(FlightEvent.TAKE_OFF)
             return [Say(Severity.NOTICE, f"taking off to {self._takeoff_altitude_m:.1f} m")]
         return []
 
-    def _take_off(self, now_s: float, findings: Sequence[Finding]) -> list[Ask | Say]:
+    def _may_begin(self, phase: SwarmPhase, now_s: float, findings: Sequence[Finding]) -> bool:
+        """On the ground: it lacks nothing, its operator and its phase have it fly, and no failsafe would land it."""
+        lands = failsafe_engine.demands(failsafe_engine.decide(findings), Response.LAND)
+        flies = self._may_take_off and SwarmPhase.GATHER <= phase < SwarmPhase.LAND
+        return flies and not lands and not self._missing(now_s)
+
+    def _take_off(self, phase: SwarmPhase, now_s: float, findings: Sequence[Finding]) -> list[Ask | Say]:
         assert self.vehicle.mode is not None
         if self._listens:
             return []
-        if self._stalled and self.vehicle.airborne:  # it climbs or has climbed: it need not be seen to
-            self._takeoff_seen = self._modes.left = True
-        self._stalled = False
-        vehicle, how, active = self.vehicle, self.vehicle.mode.traits, list(findings)
+        how = self.vehicle.mode.traits
         if how is None:
             self._respond(self._modes.find_mode_change())
             return []
-        if self._modes.is_anothers(how.climbs_in, ends_in_hold=how.climbs_in is FlightMode.TAKEOFF):
-            active.append(self._modes.find_mode_change())
-        self._armed_seen |= vehicle.armed
-        self._takeoff_seen |= vehicle.climbs_by_itself or (how.climbs_in is FlightMode.OFFBOARD and vehicle.airborne)
-        if self._armed_seen and not vehicle.armed:
-            climb = Readings(disarmed=True, climb_seen=self._takeoff_seen)
-            active += failsafe_engine.detect(Source.CLIMB, climb)
-        elif self._takeoff_seen and not (vehicle.climbs_by_itself or vehicle.has_climbed_to(self._takeoff_altitude_m)):
-            active.append(self._modes.find_mode_change())
-        if self._left_off(active):
+        if self._left_off([*findings, *self._climb.findings(how)]):
             return []
-        if self._takeoff_seen:
-            if not vehicle.climbs_by_itself:
+        if self._climb.seen:
+            if not self.vehicle.climbs_by_itself:
                 self._move(FlightEvent.CLIMB_ENDS)
             return []
+        if self._requests.request is not Request.TAKEOFF and self._requests.may_ask(how, now_s):
+            if not self._may_begin(phase, now_s, findings):  # as it is asked for again, for as long as it is refused
+                self._move(FlightEvent.CHECKS_FAIL)
+                return []
+            if not self.clear_above and not self.vehicle.armed:
+                return self._report_wait("a vehicle above", now_s)
+            self._waiting.clear()
         return self._next_step(how, now_s)
 
     def _next_step(self, how: AutopilotTraits, now_s: float) -> list[Ask | Say]:
@@ -274,6 +275,10 @@ class Flight:
 
     def _steer_vehicle(self, phase: SwarmPhase, now_s: float, findings: Sequence[Finding]) -> list[Ask | Say]:
         assert self.vehicle.mode is not None
+        if self._listens:  # handed back: the mode that is known may be from before
+            if self.vehicle.heartbeat_lost(now_s):
+                self._move(FlightEvent.LISTEN)
+            return []
         if self._steering_since_s is None:
             self._steering_since_s = now_s
         streams_s = now_s - self._steering_since_s
@@ -299,10 +304,11 @@ class Flight:
 
     def _land(self, now_s: float) -> list[Ask | Say]:
         assert self.vehicle.mode is not None
-        if not self.vehicle.armed:
+        may_still_arm = not self._climb.armed_seen and self.vehicle.heartbeat_s < self._requests.arm_shows_by_s
+        if not self.vehicle.armed and not may_still_arm:
             self._move(FlightEvent.DISARM)
             return [Say(Severity.NOTICE, "landed")]
-        if self._listens:
+        if self._listens or not self.vehicle.armed:
             return []
         # What was asked for just before the landing may still show, and so may a failsafe.
         late = {FlightMode.OFFBOARD, FlightMode.TAKEOFF, FlightMode.HOLD} if not self._modes.offboard_seen else set()
@@ -326,12 +332,6 @@ class Flight:
         self._respond(found)
         return True
 
-    def _respond_to(self, findings: Sequence[Finding]) -> None:
-        """Follow the row that stands highest of these, if there is any."""
-        found = failsafe_engine.decide(findings)
-        if found is not None:
-            self._respond(found)
-
     def _respond(self, found: Finding) -> None:
         """Do what the cause's row says, and say so. While it steers, rest and hold are `_steer_vehicle`'s."""
         self._report_finding(found)
@@ -351,11 +351,14 @@ class Flight:
 
     def _send_request(self, ask: Ask, now_s: float) -> list[Ask | Say]:
         if self._requests.refused_for_good:
-            self._respond_to(failsafe_engine.detect(Source.REQUEST, Readings(refused=ask.request.value)))
+            for found in failsafe_engine.detect(Source.REQUEST, Readings(refused=ask.request.value)):
+                self._respond(found)
             return []
-        mode = self.vehicle.mode
+        mode, asked_to_land = self.vehicle.mode, self._requests.request is Request.LAND
         if mode is None or mode.traits is None:
             return []
+        if self.vehicle.heartbeat_lost(now_s) and (ask.request is not Request.LAND or asked_to_land):
+            return []  # its pilot may have it by now: even a landing is asked for but once
         return [*self._requests.send_request(ask, mode.traits, now_s)]
 
     def _move(self, event: FlightEvent) -> None:
@@ -373,7 +376,8 @@ class Flight:
     def _apply(self, effect: Effect) -> None:
         match effect:
             case Effect.START_OVER:
-                self._armed_seen = self._takeoff_seen = self._modes.offboard_seen = False
+                self._climb.start_over()
+                self._modes.offboard_seen = False
                 self._holds.reset()
             case Effect.LISTEN:
                 self._listen()
@@ -382,7 +386,7 @@ class Flight:
             case Effect.STREAM:
                 self._steering_since_s = self._now_s
             case Effect.CLIMBS_ON:
-                self._stalled = True
+                self._climb.stalled = True
             case Effect.AWAIT_FAILSAFE_END:
                 self._modes.failsafe_may_end = True
             case Effect.OVERRULE_FAILSAFE:

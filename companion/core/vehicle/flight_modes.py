@@ -6,7 +6,9 @@ setpoints did stop: the autopilot goes back to OFFBOARD by itself when that was 
 
 from __future__ import annotations
 
-from companion.core.model.states import FlightMode
+from typing import final
+
+from companion.core.model.states import AutopilotTraits, FlightMode
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.autopilot_state import Vehicle
 from companion.core.vehicle.failsafe import Finding, Readings, Source
@@ -53,6 +55,11 @@ class Modes:
         """In the mode in which this step of the flight began."""
         return self._vehicle.mode is not None and self._vehicle.mode.name == self._began_in
 
+    @property
+    def awaits_offboard(self) -> bool:
+        """Still in the HOLD in which its climb ended, or in which an operator handed it back."""
+        return self.is_in(FlightMode.HOLD) and self.as_it_began and not self.offboard_seen
+
     def is_anothers(self, asked_for: FlightMode, *, ends_in_hold: bool = False) -> bool:
         """The mode is neither the one in which this step began nor `asked_for`, or is no longer `asked_for`."""
         if self.is_in(asked_for):
@@ -95,3 +102,36 @@ class Modes:
             setpoints_cut=self.offboard_seen and self._vehicle.was_cut_off(now_s),
             setpoints_return=self.failsafe_may_end and not self.offboard_seen and streams_s <= ends_s,
         )
+
+
+@final
+class Climb:
+    """History of one vehicle's takeoff: whether it was armed, and whether it climbs. `findings` each tick of it."""
+
+    __slots__ = ("_altitude_m", "_modes", "_vehicle", "armed_seen", "seen", "stalled")
+
+    def __init__(self, vehicle: Vehicle, modes: Modes, altitude_m: float) -> None:
+        self._vehicle, self._modes, self._altitude_m = vehicle, modes, altitude_m
+        self.seen = False
+        self.stalled = False  # this companion, while it climbs
+        self.armed_seen = False
+
+    def start_over(self) -> None:
+        """Another flight."""
+        self.seen = self.stalled = self.armed_seen = False
+
+    def findings(self, how: AutopilotTraits) -> list[Finding]:
+        """Look at what shows now, and find what ends the climb. `how`: of its make."""
+        vehicle, found = self._vehicle, []
+        if self.stalled and vehicle.airborne:  # it climbs or has climbed: it need not be seen to
+            self.seen = self._modes.left = True
+        self.stalled = False
+        if self._modes.is_anothers(how.climbs_in, ends_in_hold=how.climbs_in is FlightMode.TAKEOFF):
+            found.append(self._modes.find_mode_change())
+        self.armed_seen |= vehicle.armed
+        self.seen |= vehicle.climbs_by_itself or (how.climbs_in is FlightMode.OFFBOARD and vehicle.airborne)
+        if self.armed_seen and not vehicle.armed:
+            found += failsafe_engine.detect(Source.CLIMB, Readings(disarmed=True, climb_seen=self.seen))
+        elif self.seen and not (vehicle.climbs_by_itself or vehicle.has_climbed_to(self._altitude_m)):
+            found.append(self._modes.find_mode_change())
+        return found

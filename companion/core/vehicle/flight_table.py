@@ -16,7 +16,7 @@ class FlightEvent(Enum):
     """Events that move a flight on; the value says so in words."""
 
     CHECKS_PASS = "on the ground, it has all that it takes to fly"
-    CHECKS_FAIL = "it lacks something again, or is armed by another"
+    CHECKS_FAIL = "before it has asked for the climb it lacks something again, may not fly, or is armed by another"
     TAKE_OFF = "the swarm takes off, or flies"
     CLIMB_ENDS = "at its altitude the autopilot has ended the climb"
     JOIN = "in the air, it hears its autopilot and a leader that flies"
@@ -87,6 +87,7 @@ TRANSITIONS: dict[FlightState, dict[FlightEvent, Transition]] = {
         E.LISTEN: LISTENS,
     },
     S.TAKING_OFF: {
+        E.CHECKS_FAIL: Transition(S.WAITING, (F.START_OVER, F.STOP)),
         E.CLIMB_ENDS: Transition(S.HOLD, (F.STREAM,)),
         E.LAND: LANDS,
         E.LISTEN: LISTENS,

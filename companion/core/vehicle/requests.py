@@ -30,6 +30,7 @@ class AutopilotRequests:
     def __init__(self) -> None:
         self.refused_for_good = False  # what was asked for last
         self.request: Request | None = None  # asked for last, in this step of the flight
+        self.arm_shows_by_s = -1e9  # a HEARTBEAT from before may still say disarmed
         self._asked_s = -1e9
         self._answer: Result | None = None
         self._answered_s = -1e9  # the first answer
@@ -46,7 +47,7 @@ class AutopilotRequests:
 
     def send_request(self, ask: Ask, traits: AutopilotTraits, now_s: float) -> list[Ask]:
         """To be sent now: `ask`, or nothing while the one before may still show."""
-        if now_s < self._shows_until_s(traits):
+        if not self.may_ask(traits, now_s):
             return []
         if ask.request is not self.request:
             self.reset()
@@ -55,8 +56,14 @@ class AutopilotRequests:
         elif self._answer in NO_NEWS:
             self._report_refusal(f"{ask.request.value} answered {self._answer.name}, without effect", now_s)
         self.request, self._asked_s, self._answer = ask.request, now_s, None
+        if ask.request is Request.ARM:
+            self.arm_shows_by_s = now_s + traits.mode_shows_s
         self._reasons.clear()
         return [ask]
+
+    def may_ask(self, traits: AutopilotTraits, now_s: float) -> bool:
+        """True once the request asked for last should have shown."""
+        return now_s >= self._shows_until_s(traits)
 
     def _shows_until_s(self, traits: AutopilotTraits) -> float:
         """Time when the request asked for last should have shown."""

@@ -53,6 +53,8 @@ class Aircraft:
     can_climb: bool = True
     is_linked: bool = True  # its autopilot and its agent hear each other
     tells_mode: bool = True  # by HEARTBEATs
+    tells_health: bool = True  # its charge, and whether it is ready to arm
+    tells_landed: bool = True  # whether it is in the air
     boot_s: float | None = None  # when its autopilot was started; None: it does not tell
     late_s: float = 0.0  # positions are under way for so long
     off_ned_m: Vec3 = (0.0, 0.0, 0.0)  # what it tells of its position, less the true one
@@ -118,8 +120,10 @@ class Aircraft:
             self.agent.receive(
                 AutopilotMode(self.mode, self.armed, self.mode.value.upper(), self.failsafe, PX4.traits), now_s
             )
-        self.agent.receive(AutopilotHealth(True, self.battery_percent), now_s)
-        self.agent.receive(Landed(landed), now_s)
+        if self.tells_health:
+            self.agent.receive(AutopilotHealth(True, self.battery_percent), now_s)
+        if self.tells_landed:
+            self.agent.receive(Landed(landed), now_s)
         if self.has_fix is not None:
             self.agent.receive(Satellites(used=True, sd_m=1.0, has_fix=self.has_fix), now_s)
         if self.estimates_position:

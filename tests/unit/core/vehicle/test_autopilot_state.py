@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from companion.core.model.events import AutopilotText, BootTime, Landed, Position
-from companion.core.model.states import LandedState
+from companion.core.model.events import AutopilotHealth, AutopilotMode, AutopilotText, BootTime, Landed, Position
+from companion.core.model.states import FlightMode, LandedState
 from companion.core.vehicle import failsafe_engine
-from companion.core.vehicle.autopilot_state import GAP_S, WRAP_S, Delay, Vehicle
+from companion.core.vehicle.autopilot_state import GAP_S, LANDED_OLD_S, WRAP_S, Delay, Vehicle
 from companion.core.vehicle.failsafe import Cause, Readings, Source
+from companion.mavlink.makes.px4 import PX4
 
 GAP_SHOWN_S = failsafe_engine.row(Cause.SETPOINTS_CUT).lingers_s
 IN_TIME_S = failsafe_engine.row(Cause.TELEMETRY_LATE).clear_below_s
@@ -227,3 +228,63 @@ def test_a_vehicle_in_the_air_that_has_lost_its_fix_holds_and_does_not_lead() ->
         assert [k.cause for k in found] == causes
         assert failsafe_engine.resigns(found) is bool(causes)
     assert Cause.GNSS_LOST not in [k.cause for k in vehicle.findings(10.0, gnss_lost_s=0.1)]
+
+
+# --- what comes no more, while all else comes ---
+
+
+def told(*, landed: LandedState, armed: bool, percent: int | None = 80) -> Vehicle:
+    """A vehicle that has told all, and from then on its mode and position alone."""
+    vehicle = Vehicle()
+    vehicle.receive(AutopilotHealth(ready_to_arm=True, battery_percent=percent), 10.0)
+    vehicle.receive(Landed(landed), 10.0)
+    go_on(vehicle, 10.0, armed=armed)
+    return vehicle
+
+
+def go_on(vehicle: Vehicle, now_s: float, *, armed: bool) -> None:
+    vehicle.receive(AutopilotMode(FlightMode.HOLD, armed, "HOLD", False, PX4.traits), now_s)
+    vehicle.receive(Position(ZERO, ZERO, None), now_s)
+
+
+def test_armed_vehicle_whose_landed_state_comes_no_more_counts_as_in_the_air() -> None:
+    vehicle = told(landed=LandedState.ON_GROUND, armed=True)
+    go_on(vehicle, 10.0 + LANDED_OLD_S, armed=True)
+    assert not vehicle.airborne
+    go_on(vehicle, 10.1 + LANDED_OLD_S, armed=True)
+    assert vehicle.airborne
+    vehicle.receive(Landed(LandedState.ON_GROUND), 10.2 + LANDED_OLD_S)
+    assert not vehicle.airborne
+
+
+def test_disarmed_vehicle_whose_landed_state_comes_no_more_waits_for_it() -> None:
+    vehicle = told(landed=LandedState.ON_GROUND, armed=False)
+    assert vehicle.missing(10.0) == ""
+    go_on(vehicle, 10.1 + LANDED_OLD_S, armed=False)
+    assert vehicle.missing(10.1 + LANDED_OLD_S) == "no landed state"
+    assert not vehicle.airborne
+
+
+def test_charge_that_is_not_told_any_more_is_not_known_and_costs_the_lead() -> None:
+    vehicle, row = told(landed=LandedState.IN_AIR, armed=True), failsafe_engine.row(Cause.BATTERY_UNKNOWN)
+    go_on(vehicle, 10.0 + row.delay_s, armed=True)
+    assert (vehicle.battery_percent, vehicle.findings(10.0 + row.delay_s)) == (80, [])
+    go_on(vehicle, 10.1 + row.delay_s, armed=True)
+    assert vehicle.battery_percent is None
+    found = vehicle.findings(10.1 + row.delay_s)
+    assert [finding.cause for finding in found] == [Cause.BATTERY_UNKNOWN]
+    assert failsafe_engine.resigns(found)
+
+
+def test_autopilot_that_has_never_told_a_charge_has_none_to_miss() -> None:
+    vehicle = told(landed=LandedState.IN_AIR, armed=True, percent=None)
+    go_on(vehicle, 60.0, armed=True)
+    assert vehicle.findings(60.0) == []
+
+
+def test_readiness_to_arm_that_is_old_does_not_count() -> None:
+    vehicle = told(landed=LandedState.ON_GROUND, armed=False)
+    for k in range(1, 13):
+        vehicle.receive(Landed(LandedState.ON_GROUND), 10.0 + k)
+        go_on(vehicle, 10.0 + k, armed=False)
+    assert vehicle.missing(22.0) == "autopilot not ready to arm"
