@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import shutil
-import stat
 import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import MappingProxyType
 
 import psutil
-from serial.tools import list_ports
 
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
@@ -26,7 +22,8 @@ from companion.mavlink.makes import MAKES, installed_makes, load_installed_makes
 from companion.mavlink.peers.frame_mac import is_signed
 from companion.preflight.computer import check_disk, check_key, check_monotonic
 from companion.preflight.listen import SensorWindow, listen
-from companion.preflight.report import Check, Verdict, check_of
+from companion.preflight.ports import serial_ports, udp_port
+from companion.preflight.report import Check, Verdict, check_of, doubt, good, problem
 from companion.preflight.table import table
 from companion.sensors.installed import installed_names, load_sensor
 from companion.sensors.table import SENSORS, kind_of
@@ -92,18 +89,6 @@ def examine(
     yield unsigned()
 
 
-def _good(name: str, found: str, wanted: str = "") -> Check:
-    return Check(name=name, verdict=Verdict.PASS, found=found, wanted=wanted)
-
-
-def _doubt(name: str, found: str, wanted: str, fix: str) -> Check:
-    return Check(name=name, verdict=Verdict.WARN, found=found, wanted=wanted, fix=fix)
-
-
-def _problem(name: str, found: str, wanted: str, fix: str) -> Check:
-    return Check(name=name, verdict=Verdict.FAIL, found=found, wanted=wanted, fix=fix)
-
-
 def versions() -> Check:
     """Python and what the companion needs."""
     python = ".".join(map(str, sys.version_info[:3]))
@@ -116,8 +101,8 @@ def versions() -> Check:
     wanted = f"Python {'.'.join(map(str, PYTHON_MIN))} or newer, all packages"
     if missing or sys.version_info < PYTHON_MIN:
         lacks = f"; missing: {', '.join(missing)}" if missing else ""
-        return _problem("versions", ", ".join(found) + lacks, wanted, "install the bundle again, or `make install`")
-    return _good("versions", ", ".join(found), wanted)
+        return problem("versions", ", ".join(found) + lacks, wanted, "install the bundle again, or `make install`")
+    return good("versions", ", ".join(found), wanted)
 
 
 def packages() -> Iterator[Check]:
@@ -137,87 +122,9 @@ def packages() -> Iterator[Check]:
         f"{what} {', '.join(found)}" for what, found in (("sensors", names), ("makes of autopilot", makes)) if found
     )
     if wrong:
-        yield _problem("packages", wrong, "entry points that can be loaded", "mend or uninstall that package")
+        yield problem("packages", wrong, "entry points that can be loaded", "mend or uninstall that package")
     elif found:
-        yield _good("packages", found, "entry points that can be loaded")
-
-
-# --- ports ---
-
-
-def serial_ports() -> Iterator[Check]:
-    """Each port that is there: which users may open it, which program has it."""
-    ports = sorted(port.device for port in list_ports.comports())
-    if not ports:
-        fix = "with a serial link: is it plugged in? On a Raspberry Pi: enable_uart=1, no console on it (raspi-config)"
-        yield _doubt("serial", "no serial port", "one, unless the link is UDP", fix)
-    holders = _holders(frozenset(ports))
-    for port in ports:
-        yield _serial_port(port, holders.get(port, []))
-
-
-def _serial_port(port: str, holders: list[str]) -> Check:
-    wanted = "readable, writable, free"
-    try:
-        status = os.stat(port)
-    except OSError as error:
-        return _problem(port, str(error.strerror), wanted, "unplugged just now?")
-    if not os.access(port, os.R_OK | os.W_OK):
-        group = _group(status.st_gid)
-        fix = f'sudo usermod -aG {group} "$USER", and log in again (a service: its unit\'s SupplementaryGroups={group})'
-        return _problem(port, f"no permission: {stat.filemode(status.st_mode)}, group {group}", wanted, fix)
-    if holders:
-        fix = "end that program, or let mavlink-router own the port and give both a UDP port of it"
-        return _doubt(port, f"open in {', '.join(holders)}", wanted, fix)
-    return _good(port, "free, as far as this user can see", wanted)
-
-
-def _group(gid: int) -> str:
-    import grp
-
-    try:
-        return grp.getgrgid(gid).gr_name
-    except KeyError:
-        return str(gid)
-
-
-def _holders(devices: frozenset[str]) -> dict[str, list[str]]:
-    """Device -> programs that have it open; those of other users are seen by root only."""
-    found: dict[str, list[str]] = {}
-    for process in psutil.process_iter(["pid", "name"]):
-        folder = Path(f"/proc/{process.info['pid']}/fd")
-        targets = set()
-        with suppress(OSError):  # another user's process
-            for entry in folder.iterdir():
-                with suppress(OSError):  # closed meanwhile
-                    targets.add(os.readlink(entry))
-        for device in targets & devices:
-            found.setdefault(device, []).append(f"{process.info['name']} ({process.info['pid']})")
-    return found
-
-
-def udp_port(url: Url) -> Check:
-    """Names the program on this link's port. Swarm radio is shared: several may listen to one broadcast address."""
-    name = f"udp {url.number}"
-    try:
-        bound = [(c.laddr.ip, c.laddr.port, c.pid) for c in psutil.net_connections("udp") if c.laddr]
-    except (psutil.AccessDenied, OSError) as error:
-        return _doubt(name, f"cannot be read: {error}", "free", "run it as root")
-    found = ", ".join(sorted(f"{ip}:{port} by {_program(pid)}" for ip, port, pid in bound if port == url.number))
-    if not found:
-        return _good(name, "free", "free")
-    if url.scheme is Scheme.UDP_BROADCAST:
-        return _good(name, found, "free, or other companions")
-    return _doubt(name, found, "free", "end that program, or choose another port")
-
-
-def _program(pid: int | None) -> str:
-    if pid is None:
-        return "another user's program, which root sees"
-    try:
-        return f"{psutil.Process(pid).name()} ({pid})"
-    except psutil.Error:
-        return str(pid)
+        yield good("packages", found, "entry points that can be loaded")
 
 
 # --- links ---
@@ -237,16 +144,16 @@ def autopilot_link(url: Url) -> Check:
                 kind = "no autopilot" if m.autopilot == dialect.MAV_AUTOPILOT_INVALID else f"autopilot {m.autopilot}"
                 heard[m.get_srcSystem(), m.get_srcComponent()] = names.get(m.autopilot, kind)
     except LinkError as error:
-        return _problem("autopilot", "cannot be opened", wanted, str(error))
+        return problem("autopilot", "cannot be opened", wanted, str(error))
     who = ", ".join(f"{kind} {system}/{component}" for (system, component), kind in sorted(heard.items()))
     if any(kind in names.values() for kind in heard.values()):
-        return _good("autopilot", f"{who} (system/component)", wanted)
+        return good("autopilot", f"{who} (system/component)", wanted)
     if heard:
-        return _problem("autopilot", who, wanted, "others are on this link, the autopilot is not: is it on?")
+        return problem("autopilot", who, wanted, "others are on this link, the autopilot is not: is it on?")
     if size:
         fix = f"is the baud rate right ({url.number})? Is the port set to MAVLink on the autopilot (2)?"
-        return _problem("autopilot", f"{size} bytes, no heartbeat in them", wanted, fix)
-    return _problem("autopilot", f"silence for {LISTEN_S:g} s", wanted, _silence(url))
+        return problem("autopilot", f"{size} bytes, no heartbeat in them", wanted, fix)
+    return problem("autopilot", f"silence for {LISTEN_S:g} s", wanted, _silence(url))
 
 
 def _silence(url: Url) -> str:
@@ -273,15 +180,15 @@ def peers_link(url: Url) -> Check:
             for sender, frame, _ in swarm_beacon.beacons(data):
                 senders[sender] = senders.get(sender, True) and is_signed(frame)
     except LinkError as error:
-        return _problem("peers", "cannot be opened", wanted, str(error))
+        return problem("peers", "cannot be opened", wanted, str(error))
     if senders:
         found = f"vehicles {', '.join(map(str, sorted(senders)))}"
         if all(senders.values()):
-            return _good("peers", found, wanted)
+            return good("peers", found, wanted)
         bare = ", ".join(str(sender) for sender in sorted(senders) if not senders[sender])
-        return _doubt("peers", f"{found}; UNSIGNED: {bare}", wanted, NEEDS_KEYS)
+        return doubt("peers", f"{found}; UNSIGNED: {bare}", wanted, NEEDS_KEYS)
     fix = "is another companion running, on the same mesh, channel and port? `ping` its address; `batctl n`, `iw dev`"
-    return _doubt("peers", f"silence for {LISTEN_S:g} s", wanted, fix)
+    return doubt("peers", f"silence for {LISTEN_S:g} s", wanted, fix)
 
 
 def sensor_link(name: str, url: Url) -> Iterator[Check]:
@@ -294,7 +201,7 @@ def sensor_link(name: str, url: Url) -> Iterator[Check]:
     try:
         link = open_link(url, hears_all=True)
     except LinkError as error:
-        yield _problem(name, "cannot be opened", wanted, str(error))
+        yield problem(name, "cannot be opened", wanted, str(error))
         return
     window.fill([link], streams=[url.scheme is Scheme.SERIAL], seconds=LISTEN_S)
     for other, tally in window.tallies.items():
@@ -303,12 +210,12 @@ def sensor_link(name: str, url: Url) -> Iterator[Check]:
             heard = f"{check.found} (system/component)" if check.verdict is Verdict.PASS else check.found
             yield check.model_copy(update={"found": heard})
             if view := tally.describe_view():
-                yield _good(f"{other} view", view, "nearest, m, as it stands there; -: nothing, ?: unknown")
+                yield good(f"{other} view", view, "nearest, m, as it stands there; -: nothing, ?: unknown")
     if window.tallies[name].is_empty:
         found, fix = f"silence for {LISTEN_S:g} s", "is the driver running? Does it send there?"
         if window.byte_count:
             found, fix = f"{window.byte_count} bytes, no {wanted} in them", "does the driver send it?"
-        yield _problem(name, found, wanted, fix)
+        yield problem(name, found, wanted, fix)
 
 
 def _listen(url: Url) -> Iterator[bytes]:
@@ -336,9 +243,9 @@ def wall_clock() -> Check:
     wanted = "synchronised"
     now = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime())
     if told == "yes":
-        return _good("clock", f"{now}, synchronised", wanted)
+        return good("clock", f"{now}, synchronised", wanted)
     state = "not synchronised" if told == "no" else "unknown whether synchronised"
-    return _doubt("clock", f"{now}, {state}", wanted, "timedatectl set-ntp true, or chrony with the GPS (gpsd)")
+    return doubt("clock", f"{now}, {state}", wanted, "timedatectl set-ntp true, or chrony with the GPS (gpsd)")
 
 
 def governor() -> Check:
@@ -347,11 +254,11 @@ def governor() -> Check:
     try:
         found = CPU.read_text().strip()
     except OSError:
-        return _doubt("governor", "unknown", wanted, "")
+        return doubt("governor", "unknown", wanted, "")
     if found in SLOW_GOVERNORS:
         fix = "echo performance | sudo tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor"
-        return _doubt("governor", found, wanted, fix)
-    return _good("governor", printable(found), wanted)
+        return doubt("governor", found, wanted, fix)
+    return good("governor", printable(found), wanted)
 
 
 def undervoltage() -> Iterator[Check]:
@@ -362,9 +269,9 @@ def undervoltage() -> Iterator[Check]:
         except OSError:
             continue
         if low:
-            yield _problem("power", "undervoltage", "5 V", "a stronger supply: 5 V, 3 A, short thick wires")
+            yield problem("power", "undervoltage", "5 V", "a stronger supply: 5 V, 3 A, short thick wires")
         else:
-            yield _good("power", "5 V held", "5 V")
+            yield good("power", "5 V held", "5 V")
 
 
 def unsigned() -> Check:
@@ -374,8 +281,8 @@ def unsigned() -> Check:
     if UNSIGNED in (_run("systemctl", "show", UNIT, "--property=ExecStart") or ""):
         found.append(UNIT)
     if found:
-        return _doubt("unsigned", f"UNSIGNED: {', '.join(found)}", wanted, NEEDS_KEYS)
-    return _good("unsigned", "none", wanted)
+        return doubt("unsigned", f"UNSIGNED: {', '.join(found)}", wanted, NEEDS_KEYS)
+    return good("unsigned", "none", wanted)
 
 
 def _is_unsigned(process: psutil.Process) -> bool:
@@ -387,11 +294,18 @@ def service() -> Check:
     """Of systemd, if it is there."""
     told = _run("systemctl", "show", UNIT, "--property=LoadState,ActiveState,SubState,NRestarts")
     if told is None:
-        return _good("service", "no systemd here")
+        return good("service", "no systemd here")
     state = dict(line.partition("=")[::2] for line in told.splitlines())
     if state.get("LoadState") != "loaded":
-        return _good("service", f"{UNIT} is not installed")
+        return good("service", f"{UNIT} is not installed")
     found = f"{UNIT} {state.get('ActiveState')} ({state.get('SubState')}), {state.get('NRestarts', '?')} restarts"
-    if state.get("ActiveState") == "failed":
-        return _problem("service", found, "active, or stopped", f"journalctl -u {UNIT} -e tells why")
-    return _good("service", found, "active, or stopped")
+    restarts, wanted = state.get("NRestarts", "0"), "active, or stopped; 0 restarts"
+    fix = f"journalctl -u {UNIT} -e tells why; `systemctl restart` counts from 0 again"
+    is_looping = state.get("ActiveState") == "activating" and (
+        restarts != "0" or "restart" in state.get("SubState", "")
+    )
+    if state.get("ActiveState") == "failed" or is_looping:
+        return problem("service", found, wanted, fix)
+    if restarts != "0":
+        return doubt("service", found, wanted, fix)
+    return good("service", found, wanted)

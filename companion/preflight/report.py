@@ -46,6 +46,21 @@ class Check(BaseModel):
     fix: str = ""
 
 
+def good(name: str, found: str, wanted: str = "") -> Check:
+    """A row that passes."""
+    return Check(name=name, verdict=Verdict.PASS, found=found, wanted=wanted)
+
+
+def doubt(name: str, found: str, wanted: str, fix: str) -> Check:
+    """A row that warns, and what to do."""
+    return Check(name=name, verdict=Verdict.WARN, found=found, wanted=wanted, fix=fix)
+
+
+def problem(name: str, found: str, wanted: str, fix: str) -> Check:
+    """A row that fails, and what to do."""
+    return Check(name=name, verdict=Verdict.FAIL, found=found, wanted=wanted, fix=fix)
+
+
 def check_of(name: str, finding: Finding) -> Check:
     """A sensor's finding as a row."""
     bad = Verdict.WARN if finding.is_warning else Verdict.FAIL

@@ -26,7 +26,7 @@ from companion.mavlink.framing.frames import SIGNED
 from companion.mavlink.packing import pack_ranges
 from companion.mavlink.peers.frame_mac import seal
 from companion.preflight.listen import SYSTEM_ID
-from companion.preflight.report import Check, Verdict
+from companion.preflight.report import Check, Verdict, good
 from companion.sensors.lidar_tally import LidarTally
 from companion.shell.links import LinkError
 from companion.shell.urls import AUTOPILOT_SCHEMES, PEERS_SCHEMES, Url, parse_url
@@ -326,7 +326,12 @@ def test_power_and_governor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
         (None, Verdict.PASS),
         ("LoadState=not-found\nActiveState=inactive\nSubState=dead", Verdict.PASS),
         ("LoadState=loaded\nActiveState=active\nSubState=running\nNRestarts=0", Verdict.PASS),
+        ("LoadState=loaded\nActiveState=inactive\nSubState=dead\nNRestarts=0", Verdict.PASS),
+        ("LoadState=loaded\nActiveState=activating\nSubState=start\nNRestarts=0", Verdict.PASS),
+        ("LoadState=loaded\nActiveState=active\nSubState=running\nNRestarts=1", Verdict.WARN),
         ("LoadState=loaded\nActiveState=failed\nSubState=failed\nNRestarts=5", Verdict.FAIL),
+        ("LoadState=loaded\nActiveState=activating\nSubState=auto-restart\nNRestarts=0", Verdict.FAIL),
+        ("LoadState=loaded\nActiveState=activating\nSubState=start\nNRestarts=4711", Verdict.FAIL),
     ],
 )
 def test_service(told: str | None, verdict: Verdict, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -374,7 +379,7 @@ def test_program_works_without_any_link_and_counts_its_problems(
 ) -> None:
     monkeypatch.setattr(doctor, "serial_ports", lambda: iter(()))
     monkeypatch.setattr(doctor, "undervoltage", lambda: iter(()))
-    monkeypatch.setattr(doctor, "service", lambda: doctor._good("service", "none"))
+    monkeypatch.setattr(doctor, "service", lambda: good("service", "none"))
     assert cli.main(["doctor"]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == "no problem"
     monkeypatch.setattr(doctor, "PACKAGES", ("no-such-package",))
