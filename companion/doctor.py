@@ -68,9 +68,10 @@ def examine(
     """All rows."""
     yield versions()
     yield from packages()
-    yield from serial_ports()
-    for url in (autopilot, peers, *sensors.values()):
-        if url is not None and url.scheme in BINDS:
+    urls = [url for url in (autopilot, peers, *sensors.values()) if url is not None]
+    yield from serial_ports(urls)
+    for url in urls:
+        if url.scheme in BINDS:
             yield udp_port(url)
     if autopilot is not None:
         yield autopilot_link(autopilot)

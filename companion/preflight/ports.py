@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -14,10 +14,15 @@ from serial.tools import list_ports
 from companion.preflight.report import Check, doubt, good, problem
 from companion.shell.urls import Scheme, Url
 
+DEV = Path("/dev")
+UNLISTED = "ttyTHS*"  # a Jetson's, which pyserial's list does not have
 
-def serial_ports() -> Iterator[Check]:
-    """Each port that is there: which users may open it, which program has it."""
-    ports = sorted(port.device for port in list_ports.comports())
+
+def serial_ports(urls: Iterable[Url] = ()) -> Iterator[Check]:
+    """Each port that is there, and those of `urls`: which users may open it, which program has it."""
+    links = {os.path.realpath(url.place) for url in urls if url.scheme is Scheme.SERIAL}
+    listed = {port.device for port in list_ports.comports()}
+    ports = sorted(links | listed | set(map(str, DEV.glob(UNLISTED))))
     if not ports:
         fix = "with a serial link: is it plugged in? On a Raspberry Pi: enable_uart=1, no console on it (raspi-config)"
         yield doubt("serial", "no serial port", "one, unless the link is UDP", fix)
@@ -31,7 +36,7 @@ def _serial_port(port: str, holders: list[str]) -> Check:
     try:
         status = os.stat(port)
     except OSError as error:
-        return problem(port, str(error.strerror), wanted, "unplugged just now?")
+        return problem(port, str(error.strerror), wanted, "is it plugged in, and is this its name?")
     if not os.access(port, os.R_OK | os.W_OK):
         group = _group(status.st_gid)
         fix = f'sudo usermod -aG {group} "$USER", and log in again (a service: its unit\'s SupplementaryGroups={group})'
