@@ -13,13 +13,13 @@ from contextlib import ExitStack
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from companion.cloud.returns_log import ReturnsLog
 from companion.journal.recorder import BlackBox, Recorder, start_body
 from companion.keys.key_file import KeyFileError
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.framing.frames import DATAGRAM_MAX_BYTES
-from companion.mavlink.harvest import RecordLink
 from companion.mavlink.makes import load_installed_makes
 from companion.mavlink.peers.session import Session
 from companion.payload.recorder import payload_of
@@ -40,11 +40,16 @@ from mission.common.problems import MissionError, printable
 from mission.document.load import MAX_PLACE_CHARS, load_mission
 from mission.document.model import Mission
 
+if TYPE_CHECKING:
+    from companion.records.exchange import RecordExchange
+
 SIGNING = "signing"  # the check that saw the autopilot refuse who has no key
 EXIT_DONE = 0
 EXIT_BROKEN = 1  # a broken invariant; the traceback is in the log
 EXIT_REFUSED = 2  # wrong usage or a bad mission; argparse uses the same
 EXIT_ENVIRONMENT = 3  # a port, a device or a file that cannot be opened
+REST_S = 1.0  # systemd waits for 2 s (TimeoutStopSec), and the black box is to be closed, too
+POLL_S = 0.01
 
 
 class RefusedError(Exception):
@@ -211,8 +216,10 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     except Exception:  # noqa: BLE001  not swallowed: the process ends here, and setpoints with it
         log.broken(runner.now_s, traceback.format_exc())
         _close(recorder, "broken", changes, runner)
+        _write_rest(records, returns, log, runner.now_s)
         return EXIT_BROKEN
     service.stopping()
+    _write_rest(records, returns, log, runner.now_s)
     changes.log_records(runner.now_s)
     _close(recorder, f"stopped by {stop.reason}", changes, runner)
     log.line(
@@ -245,7 +252,7 @@ def _radio_keys(key: str | None, arguments: argparse.Namespace, mission: Mission
 
 def _records(
     arguments: argparse.Namespace, mission: Mission, opened: ExitStack, log: FlightLog, session: Session | None
-) -> tuple[RecordLink | None, str]:
+) -> tuple[RecordExchange | None, str]:
     """Of a mission that keeps some; and why they are in memory alone, or "". `session`: of a radio with keys."""
     if not mission.keeps_records:
         return None, ""
@@ -307,6 +314,24 @@ def _black_box(
         autopilot_signed=radio.autopilot_gate is not None,
     )
     return open_black_box(folder, start, beside_loop=arguments.clock == "monotonic")
+
+
+def _write_rest(
+    records: RecordExchange | None, returns: ReturnsLog | None, log: FlightLog, now_s: float | None
+) -> None:
+    """What waits for the disk when the flight ends; what it does not take in time is told as lost."""
+    until_s, at_s = time.monotonic() + REST_S, now_s or 0.0
+    while True:
+        left = (0 if records is None else records.finish(at_s), 0 if returns is None else returns.finish())
+        if not any(left) or time.monotonic() >= until_s:
+            break
+        time.sleep(POLL_S)
+    lines = [*([] if records is None else records.lines()), *([] if returns is None else returns.take_lines())]
+    for name, count in zip(("records", "returns"), left, strict=True):
+        if count:
+            lines.append(f"{name}: {count} LOST: not on the disk by the end")
+    for line in lines:
+        log.line(now_s, line)
 
 
 def _close(recorder: Recorder | None, why: str, changes: ChangeLogger, runner: Runner) -> None:

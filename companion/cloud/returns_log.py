@@ -46,6 +46,7 @@ class ReturnsLog:
     def __init__(self, writer: Writer) -> None:
         self._writer: Final = writer
         self._waiting: Final[deque[bytes]] = deque(maxlen=WAITING_MAX)  # the oldest go
+        self._under_way = 0  # passes
         self._error = ""
         self._lines: list[str] = []
 
@@ -53,11 +54,19 @@ class ReturnsLog:
         """Passes of stems, as `companion.cloud.returns` encodes them."""
         self._waiting.extend(passes)
         outcome = self._writer.take_outcome()
-        if outcome is not None and outcome != self._error:
-            self._error = outcome
-            self._lines.append(f"returns: {outcome}: LOST" if outcome else "returns: the disk takes them again")
+        if outcome is not None:
+            self._under_way = 0
+            if outcome != self._error:
+                self._error = outcome
+                self._lines.append(f"returns: {outcome}: LOST" if outcome else "returns: the disk takes them again")
         if self._waiting and self._writer.submit(tuple(self._waiting)):
+            self._under_way = len(self._waiting)
             self._waiting.clear()
+
+    def finish(self) -> int:
+        """At the end, again and again until it is 0: passes that wait for the disk yet."""
+        self.append(())
+        return self._under_way + len(self._waiting)
 
     def take_lines(self) -> list[str]:
         """Lines for the log, since last asked."""

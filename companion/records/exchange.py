@@ -79,7 +79,8 @@ class RecordExchange:
         self.unstored = ""  # reason why they are in memory alone, where a file was asked for
         self.dropped: Final = dict.fromkeys((*DROPPED, FOREIGN), 0)
         self.mission_hash: Final = mission_hash
-        self._fusion, self._store = fusion, store
+        self.store: Final = store  # the records on this node's disk
+        self._fusion = fusion
         self._queue = WriteQueue(writer, keeps_own=me != BASE_ID)
         self._me, self.members, self._is_base = me, members, me == BASE_ID
         self._peers = Peers(me, members)
@@ -169,7 +170,7 @@ class RecordExchange:
 
     def _note_conflict(self, record: Record) -> None:
         """Counts what differs from the record that is here under the same number: that one stays."""
-        kept = self._store.find_record(record.key, record.number)
+        kept = self.store.find_record(record.key, record.number)
         if kept is not None and kept != record:
             self.dropped["conflicting"] += 1
 
@@ -251,14 +252,13 @@ class RecordExchange:
         self._queue.lines.append(line)
 
     @property
-    def store(self) -> RecordStore:
-        """The records on this node's disk."""
-        return self._store
-
-    @property
     def unwritten(self) -> tuple[int, int]:
         """Own records that are not on the disk: for which there is no room, and those that its next write takes."""
         return self._queue.refused + self._queue.waiting - self._queue.pending, self._queue.pending
+
+    def finish(self, now_s: float) -> int:
+        """As `WriteQueue` has it."""
+        return self._queue.finish(now_s)
 
     def counters(self) -> dict[str, int]:
         """Counts for the log, of this node."""
@@ -387,7 +387,7 @@ class RecordExchange:
                 continue
             if self._peers.is_aired_since(candidate.key, candidate.number, self._plan_s):
                 continue
-            record = self._store.find_record(candidate.key, candidate.number)
+            record = self.store.find_record(candidate.key, candidate.number)
             if record is None:
                 continue
             message = self._encode(record)

@@ -144,6 +144,14 @@ class WriteQueue:
             self._is_full = False
         return outcome
 
+    def finish(self, now_s: float) -> int:
+        """At the end, again and again until it is 0: own records not on the disk yet. What failed is repeated."""
+        self.take_written(now_s)
+        if self._under_way is None:
+            self.submit(now_s)
+            self.take_written(now_s)
+        return self.waiting
+
     def refuse(self, count: int) -> None:
         """Own records are lost."""
         self.refused += count

@@ -122,7 +122,7 @@ class SignedExchange(RecordExchange):
 
     def _compare(self, record: Record, sender: int, now_s: float) -> None:
         """With the record of this number that is here, and stays."""
-        kept = self._store.find_record(record.key, record.number)
+        kept = self.store.find_record(record.key, record.number)
         if kept is None:
             return
         if self._encode(kept) == self._encode(record):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 import pytest
@@ -123,6 +125,34 @@ def test_beside_the_loop_all_is_written_by_the_end(tmp_path: Path) -> None:
         log, path = open_returns(tmp_path / "records-1.db", opened, beside_loop=True)
         log.append([one, one])
     assert len(read_returns(path)[0]) == 2
+
+
+def test_what_waits_at_the_end_for_a_lot_under_way_is_told_until_it_is_written() -> None:
+    class Slow:
+        taken: Final = list[bytes]()
+        outcome: str | None = None
+        is_free = True
+
+        def submit(self, piece: Sequence[bytes]) -> bool:
+            was_free, self.is_free = self.is_free, False
+            self.taken.extend(piece if was_free else ())
+            return was_free
+
+        def take_outcome(self) -> str | None:
+            outcome, self.outcome = self.outcome, None
+            self.is_free |= outcome is not None
+            return outcome
+
+    slow = Slow()
+    log = ReturnsLog(slow)
+    log.append([b"a"])
+    log.append([b"b"])
+    assert log.finish() == 2
+    slow.outcome = ""
+    assert log.finish() == 1
+    slow.outcome = ""
+    assert log.finish() == 0
+    assert slow.taken == [b"a", b"b"]
 
 
 def test_more_points_than_a_pass_may_have_are_not_encoded() -> None:

@@ -133,3 +133,27 @@ def test_one_vehicles_log_is_not_anothers(tmp_path: Path) -> None:
     air.run(5.0, making(air, 1, 2, until_s=5.0))
     assert {key.vehicle_id for key in air.nodes[BASE_ID].store.holdings()} == {1, 2}
     assert LogKey(1, 1) not in air.nodes[BASE_ID].store.holdings()
+
+
+def test_what_waits_at_the_end_is_written_at_once(tmp_path: Path) -> None:
+    air = swarm(tmp_path, 2)
+    node = air.nodes[1]
+    for count in range(16):
+        node.append(RecordKind.STEM, stem(1, count), 0.05 * count)
+        node.frames(0.05 * count, 0)
+    assert node.unwritten == (0, 5)
+    assert node.finish(0.8) == 0
+    assert len(list(node.store.records(RecordKind.STEM))) == 16
+
+
+def test_a_disk_that_failed_is_tried_again_at_the_end(tmp_path: Path) -> None:
+    air = swarm(tmp_path, 2)
+    air.stop(1)
+    node, disk = with_switch(air, 1)
+    disk.full = True
+    node.append(RecordKind.STEM, stem(1, 1), 0.0)
+    node.frames(0.0, 0)
+    assert node.finish(0.1) == 1
+    disk.full = False
+    assert node.finish(0.1) == 0
+    assert len(list(node.store.records(RecordKind.STEM))) == 1
