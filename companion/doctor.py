@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import shutil
-import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping
@@ -20,7 +18,7 @@ from companion.mavlink import dialect
 from companion.mavlink.framing.frames import Framing
 from companion.mavlink.makes import MAKES, installed_makes, load_installed_makes
 from companion.mavlink.peers.frame_mac import is_signed
-from companion.preflight.computer import check_disk, check_key, check_monotonic
+from companion.preflight.computer import check_disk, check_key, check_monotonic, is_clock_set, told_by
 from companion.preflight.listen import SensorWindow, listen
 from companion.preflight.ports import serial_ports, udp_port
 from companion.preflight.report import Check, Verdict, check_of, doubt, good, problem
@@ -37,7 +35,6 @@ from mission.common.problems import printable
 PACKAGES = ("cbor2", "cryptography", "pymavlink", "fastcrc", "pydantic", "pyserial", "psutil", "mavsdk", "shtab")
 PYTHON_MIN = (3, 11)
 LISTEN_S = 3.0  # an autopilot sends a heartbeat a second, a companion ten beacons
-COMMAND_S = 5.0
 UNIT = "understory-companion.service"
 CPU = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
 HWMON = Path("/sys/class/hwmon")
@@ -227,25 +224,14 @@ def _listen(url: Url) -> Iterator[bytes]:
 # --- the board ---
 
 
-def _run(*command: str) -> str | None:
-    """Output of a command; None when it is not there or fails."""
-    if shutil.which(command[0]) is None:
-        return None
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=COMMAND_S, check=False)
-    except subprocess.TimeoutExpired:
-        return None
-    return done.stdout.strip() if done.returncode == 0 else None
-
-
 def wall_clock() -> Check:
     """Checks that the clock is set. Nothing in flight goes by it; logs and the age of reports do."""
-    told = _run("timedatectl", "show", "--property=NTPSynchronized", "--value")
+    is_set = is_clock_set()
     wanted = "synchronised"
     now = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime())
-    if told == "yes":
+    if is_set:
         return good("clock", f"{now}, synchronised", wanted)
-    state = "not synchronised" if told == "no" else "unknown whether synchronised"
+    state = "not synchronised" if is_set is False else "unknown whether synchronised"
     return doubt("clock", f"{now}, {state}", wanted, "timedatectl set-ntp true, or chrony with the GPS (gpsd)")
 
 
@@ -279,7 +265,7 @@ def unsigned() -> Check:
     """Companions on this computer that fly without keys, as they run, and as the service would start one."""
     wanted = "no companion with --unsigned"
     found = [f"{process.info['pid']}" for process in psutil.process_iter(["pid", "cmdline"]) if _is_unsigned(process)]
-    if UNSIGNED in (_run("systemctl", "show", UNIT, "--property=ExecStart") or ""):
+    if UNSIGNED in (told_by("systemctl", "show", UNIT, "--property=ExecStart") or ""):
         found.append(UNIT)
     if found:
         return doubt("unsigned", f"UNSIGNED: {', '.join(found)}", wanted, NEEDS_KEYS)
@@ -293,7 +279,7 @@ def _is_unsigned(process: psutil.Process) -> bool:
 
 def service() -> Check:
     """Of systemd, if it is there."""
-    told = _run("systemctl", "show", UNIT, "--property=LoadState,ActiveState,SubState,NRestarts")
+    told = told_by("systemctl", "show", UNIT, "--property=LoadState,ActiveState,SubState,NRestarts")
     if told is None:
         return good("service", "no systemd here")
     state = dict(line.partition("=")[::2] for line in told.splitlines())

@@ -27,6 +27,7 @@ from typing import Any
 
 from companion.cli import build_parser, main
 from companion.mavlink.endpoint import Endpoint
+from companion.preflight.computer import is_clock_set, now
 from companion.preflight.report import clearance
 from companion.run_command import EXIT_BROKEN, RefusedError, mission_of, run
 from mission.document.load import parse_mission
@@ -186,7 +187,7 @@ class ForkServer:
 def rehearse() -> None:
     """Do once what every companion does at its start: what that loads and builds is then shared by all."""
     mission = parse_mission(REHEARSED)
-    clearance(None, ("all",), "", 1, now_unix_s=0.0)
+    clearance(None, ("all",), "", 1, now=now(), is_clock_set=is_clock_set)
     Endpoint(mission, 1).tick(0.0)
 
 

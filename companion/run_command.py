@@ -23,6 +23,7 @@ from companion.mavlink.framing.frames import DATAGRAM_MAX_BYTES
 from companion.mavlink.makes import load_installed_makes
 from companion.mavlink.peers.session import Session
 from companion.payload.recorder import payload_of
+from companion.preflight.computer import is_clock_set, now
 from companion.preflight.report import Clearance, clearance
 from companion.sensors.table import SENSORS, kinds_of, sensors_of
 from companion.shell.box.opening import box_folder, open_black_box, read_mission_file
@@ -164,9 +165,8 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     records, unstored = _records(arguments, mission, opened, log, radio.session)
     returns = _returns(arguments, mission, opened, log)
     needs = (SIGNING,) if arguments.sign_autopilot else ()
-    cleared = clearance(
-        arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time(), needs=needs
-    )
+    report = (arguments.preflight, arguments.waive, arguments.mission, arguments.id)
+    cleared = clearance(*report, now=now(), is_clock_set=is_clock_set, needs=needs)
     if unstored:  # in the air it flies on, as a card may fail between two starts
         cleared = replace(cleared, grounded="; ".join(filter(None, (f"records: {unstored}", cleared.grounded))))
     box = _black_box(arguments, mission, cleared, radio)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from datetime import UTC, datetime
@@ -14,7 +13,7 @@ from companion.keys.autopilot_link import link_key
 from companion.keys.key_file import KeyFileError, load_keyring
 from companion.keys.process import harden_process
 from companion.preflight.checks import judge
-from companion.preflight.computer import check_disk, check_key, check_monotonic
+from companion.preflight.computer import check_disk, check_key, check_monotonic, now
 from companion.preflight.listen import SensorWindow
 from companion.preflight.report import Check, Report, Verdict, check_of, write_report
 from companion.preflight.signing import SigningProbe, SigningRelay
@@ -133,7 +132,7 @@ def _open(url: Url, opened: ExitStack) -> Link:
 def _report(
     arguments: argparse.Namespace, mission: Mission, sha256: str, survey: Survey, sensors: Sequence[Check]
 ) -> Report:
-    now_s = time.time()
+    then = now()
     folder = Path(arguments.report).absolute().parent if arguments.report else Path.cwd()
     checks = (
         Check(name="mission", verdict=Verdict.PASS, found=f"sha256 {sha256[:16]}", wanted="valid, with an origin"),
@@ -146,8 +145,10 @@ def _report(
     failed = any(check.verdict is Verdict.FAIL for check in checks)
     return Report(
         verdict=Verdict.FAIL if failed else Verdict.PASS,
-        time_unix_s=now_s,
-        time_utc=datetime.fromtimestamp(now_s, UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        time_unix_s=then.unix_s,
+        time_utc=datetime.fromtimestamp(then.unix_s, UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        boot_id=then.boot_id,
+        boot_s=then.boot_s,
         mission=mission.name,
         mission_sha256=sha256,
         vehicle_id=arguments.id,

@@ -1,19 +1,24 @@
-"""Rows about this computer: key, disk, monotonic clock."""
+"""Rows about this computer: key, disk, monotonic clock; and its time."""
 
 from __future__ import annotations
 
+import os
 import shutil
+import subprocess
 import time
 from pathlib import Path
 
 from companion.keys.fingerprints import summary
 from companion.keys.key_file import KeyFileError, load_keyring, owner_name
 from companion.keys.process import harden_process
-from companion.preflight.report import Check, Verdict
+from companion.preflight.report import Check, Now, Verdict
 from mission.common.problems import printable
 
 DISK_FREE_MIN_BYTES = 500_000_000  # a flight log is small; what else runs on this board is not known
 RESOLUTION_MAX_S = 1e-3  # a tick is 50 ms
+COMMAND_S = 5.0
+BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
+BOOT_ID_NAME = "UNDERSTORY_BOOT_ID"  # in the environment of the service, which does not see that file
 
 
 def check_key(path: str | None, owner: int | None, size: int = 0) -> Check:
@@ -70,3 +75,30 @@ def check_monotonic() -> Check:
         wanted=f"steps of at most {RESOLUTION_MAX_S:g} s",
         fix="" if good else "a kernel with high-resolution timers",
     )
+
+
+def told_by(*command: str) -> str | None:
+    """Output of a command; None when it is not there or fails."""
+    if shutil.which(command[0]) is None:
+        return None
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=COMMAND_S, check=False)
+    except subprocess.TimeoutExpired:
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None
+
+
+def is_clock_set() -> bool | None:
+    """The wall clock is synchronised; None: nobody tells."""
+    told = told_by("timedatectl", "show", "--property=NTPSynchronized", "--value")
+    return {"yes": True, "no": False}.get(told or "")
+
+
+def now() -> Now:
+    """This moment."""
+    try:
+        boot_id = BOOT_ID.read_text()
+    except OSError:
+        boot_id = os.environ.get(BOOT_ID_NAME, "")
+    boot_s = time.clock_gettime(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))  # macOS has none, nor boot ids
+    return Now(time.time(), boot_id.strip().replace("-", ""), boot_s)  # systemd writes it without

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict
 
@@ -22,6 +22,7 @@ from mission.document.load import mission_sha256
 
 AGE_MAX_S = 12 * 3600.0  # a day's work at one site: batteries and fences change between days
 AHEAD_MAX_S = 300.0  # a clock that was set in between
+NOT_SET = "and the clock is not synchronised: run it again"
 REPORT_BYTES_MAX = 1 << 20
 WAIVE_ALL = "all"
 
@@ -77,6 +78,8 @@ class Report(BaseModel):
     verdict: Verdict
     time_unix_s: float
     time_utc: str
+    boot_id: str = ""  # of the kernel that ran then; empty: not known, as in reports of versions before
+    boot_s: float = 0.0  # since that was started
     mission: str
     mission_sha256: str
     vehicle_id: int
@@ -107,6 +110,14 @@ def write_report(report: Report, path: Path) -> None:
         raise
 
 
+class Now(NamedTuple):
+    """This moment, by the wall clock and by what goes on while the kernel runs."""
+
+    unix_s: float
+    boot_id: str  # of the kernel that runs; empty: not known
+    boot_s: float  # since it was started, asleep or not
+
+
 @dataclass(frozen=True, slots=True)
 class Clearance:
     """Verdict: a companion may arm, or not. `grounded`: why not, or empty. `waived`: failed checks that were accepted.
@@ -125,10 +136,14 @@ def clearance(
     mission_file: str,
     vehicle_id: int,
     *,
-    now_unix_s: float,
+    now: Now,
+    is_clock_set: Callable[[], bool | None],
     needs: Sequence[str] = (),
 ) -> Clearance:
-    """By the report and the names given to `--waive`. `needs`: checks that the report must have, as this one flies."""
+    """By the report and the names given to `--waive`. `needs`: checks that the report must have, as this one flies.
+
+    `is_clock_set`: the wall clock is synchronised; None: nobody tells.
+    """
     if WAIVE_ALL in waived:
         return Clearance("", (WAIVE_ALL,))
     if report_file is None:
@@ -139,11 +154,15 @@ def clearance(
     except (OSError, ValueError, MissionError) as error:
         reason = (isinstance(error, OSError) and error.strerror) or "it is not one"
         return Clearance(f"preflight report not readable: {reason}", ())
-    age_s = now_unix_s - report.time_unix_s
     if report.vehicle_id != vehicle_id:
         return Clearance(f"preflight was of vehicle {report.vehicle_id}", ())
     if report.mission_sha256 != flown:
         return Clearance("preflight was for another mission", ())
+    age_s = _age_s(report, now, is_clock_set)
+    if age_s is None:
+        return Clearance(
+            f"preflight was {'before a reboot' if report.boot_id else 'by an older version'}, {NOT_SET}", ()
+        )
     if not -AHEAD_MAX_S <= age_s <= AGE_MAX_S:
         when = f"{age_s / 3600.0:.0f} h old" if age_s > 0.0 else "of a time to come"
         return Clearance(f"preflight is {printable(when)}", ())
@@ -156,6 +175,19 @@ def clearance(
     unknown = f"waive: no check named {strange}" if strange else ""
     reasons = (f"preflight failed: {','.join(left)}", unknown) if left else ()
     return Clearance("; ".join(filter(None, reasons)), accepted, unknown)
+
+
+def _age_s(report: Report, now: Now, is_clock_set: Callable[[], bool | None]) -> float | None:
+    """None: not known. A board without a battery for its clock goes on, when it boots, from where it was shut down.
+
+    So that clock tells the age of a report from before the boot only once it is set again.
+    """
+    if report.boot_id and report.boot_id == now.boot_id:
+        return now.boot_s - report.boot_s
+    is_set = is_clock_set()
+    if is_set is False or (is_set is None and report.boot_id):
+        return None
+    return now.unix_s - report.time_unix_s
 
 
 def _read_report(path: str) -> Report:

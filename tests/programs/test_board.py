@@ -22,6 +22,7 @@ import pytest
 from companion.cli import build_parser
 from companion.keys.key_file import KeyFileError, load_keyring, parse_keyring
 from companion.keys.keyring import Keyring
+from companion.preflight.computer import BOOT_ID_NAME
 from tests.unit.keys.keys_kit import key_file, operator_of, vehicle_of
 
 ROOT = Path(__file__).parents[2]
@@ -115,6 +116,11 @@ def test_the_child_that_fuses_the_stand_may_give_way_and_go_without_the_companio
     assert lines.index("SystemCallFilter=setpriority") > lines.index("SystemCallFilter=~@privileged @resources")
     assert directive("OOMPolicy") == "continue"
     assert int(directive("MemoryMax").removesuffix("M")) >= 128 + 240
+
+
+def test_the_service_is_told_the_boot_whose_name_it_cannot_read() -> None:
+    assert directive("ProcSubset") == "pid"
+    assert directive("Environment") == f"{BOOT_ID_NAME}=%b"
 
 
 def test_memory_of_the_service_goes_to_no_disk() -> None:

@@ -6,7 +6,6 @@ import os
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from companion.keys.autopilot_link import link_key
 from companion.keys.key_file import load_keyring
 from companion.mavlink.autopilot_link.signing import LinkSigning
 from companion.mavlink.framing.frames import whole
+from companion.preflight.computer import now
 from companion.preflight.report import Check, Report, Verdict, write_report
 from mission.document.load import mission_sha256
 
@@ -128,10 +128,13 @@ def test_key_that_others_may_read_is_refused(mission: Path, fleet: Path) -> None
 def test_autopilot_link_is_signed_and_nothing_armed_until_preflight_saw_it_refuse(mission: Path, fleet: Path) -> None:
     key = fleet / "vehicle-1.key"
     good = Check(name="battery", verdict=Verdict.PASS, found="90 %", wanted="at least 50 %")
+    then = now()
     report = Report(
         verdict=Verdict.PASS,
-        time_unix_s=time.time(),
+        time_unix_s=then.unix_s,
         time_utc="now",
+        boot_id=then.boot_id,
+        boot_s=then.boot_s,
         mission="two",
         mission_sha256=mission_sha256(mission),
         vehicle_id=1,

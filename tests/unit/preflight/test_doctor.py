@@ -25,7 +25,7 @@ from companion.mavlink.framing import wire
 from companion.mavlink.framing.frames import SIGNED
 from companion.mavlink.packing import pack_ranges
 from companion.mavlink.peers.frame_mac import seal
-from companion.preflight import ports
+from companion.preflight import computer, ports
 from companion.preflight.listen import SYSTEM_ID
 from companion.preflight.report import Check, Verdict, good
 from companion.sensors.lidar_tally import LidarTally
@@ -362,7 +362,7 @@ def test_power_and_governor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     ],
 )
 def test_service(told: str | None, verdict: Verdict, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "_run", lambda *_: told)
+    monkeypatch.setattr(doctor, "told_by", lambda *_: told)
     assert doctor.service().verdict is verdict
 
 
@@ -379,13 +379,13 @@ def test_companions_that_fly_without_keys_are_told(
 ) -> None:
     running = SimpleNamespace(info={"pid": 7, "cmdline": started})
     monkeypatch.setattr(doctor.psutil, "process_iter", lambda _names: [running])
-    monkeypatch.setattr(doctor, "_run", lambda *_: unit)
+    monkeypatch.setattr(doctor, "told_by", lambda *_: unit)
     assert doctor.unsigned().verdict is verdict
 
 
 @pytest.mark.parametrize(("told", "verdict"), [("yes", Verdict.PASS), ("no", Verdict.WARN), (None, Verdict.WARN)])
 def test_wall_clock(told: str | None, verdict: Verdict, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "_run", lambda *_: told)
+    monkeypatch.setattr(computer, "told_by", lambda *_: told)
     assert doctor.wall_clock().verdict is verdict
 
 

@@ -7,10 +7,12 @@ from typing import Any
 
 import pytest
 
-from companion.preflight.report import AGE_MAX_S, AHEAD_MAX_S, Check, Report, Verdict, clearance, write_report
+from companion.preflight import computer
+from companion.preflight.report import AGE_MAX_S, AHEAD_MAX_S, Check, Now, Report, Verdict, clearance, write_report
 from mission.document.load import mission_sha256
 
 NOW_S = 1_800_000_000.0
+NOW = Now(NOW_S, "b007", 20_000.0)
 GOOD = Check(name="battery", verdict=Verdict.PASS, found="90 %", wanted="at least 50 %")
 BAD = Check(name="GF_ACTION", verdict=Verdict.FAIL, found="3", wanted="2")
 WORSE = Check(name="home", verdict=Verdict.FAIL, found="none", wanted="near d1")
@@ -45,18 +47,18 @@ def replace(check: Check, name: str) -> Check:
 
 
 def grounded(mission: Path, file: str | None, *waived: str) -> str:
-    return clearance(file, waived, str(mission), 3, now_unix_s=NOW_S).grounded
+    return clearance(file, waived, str(mission), 3, now=NOW, is_clock_set=lambda: True).grounded
 
 
 def test_passing_report_clears_and_a_warning_does_not_ground(mission: Path) -> None:
-    cleared = clearance(report(mission, GOOD, DOUBTFUL), (), str(mission), 3, now_unix_s=NOW_S)
+    cleared = clearance(report(mission, GOOD, DOUBTFUL), (), str(mission), 3, now=NOW, is_clock_set=lambda: True)
     assert (cleared.grounded, cleared.waived) == ("", ())
 
 
 def test_without_a_report_nothing_is_armed_unless_all_is_waived(mission: Path) -> None:
     assert "no preflight" in grounded(mission, None)
     assert "no preflight" in grounded(mission, None, "battery")
-    assert clearance(None, ("all",), str(mission), 3, now_unix_s=NOW_S).waived == ("all",)
+    assert clearance(None, ("all",), str(mission), 3, now=NOW, is_clock_set=lambda: True).waived == ("all",)
     assert grounded(mission, None, "all") == ""
 
 
@@ -64,14 +66,14 @@ def test_failed_checks_ground_until_each_is_waived_by_name(mission: Path) -> Non
     file = report(mission, GOOD, BAD, WORSE)
     assert grounded(mission, file) == "preflight failed: GF_ACTION,home"
     assert grounded(mission, file, "home", "battery") == "preflight failed: GF_ACTION"
-    cleared = clearance(file, ("home", "battery", "GF_ACTION"), str(mission), 3, now_unix_s=NOW_S)
+    cleared = clearance(file, ("home", "battery", "GF_ACTION"), str(mission), 3, now=NOW, is_clock_set=lambda: True)
     assert (cleared.grounded, cleared.waived, cleared.unknown) == ("", ("GF_ACTION", "home"), "")
 
 
 def test_check_that_this_flight_needs_grounds_where_it_is_not_in_the_report(mission: Path) -> None:
     def cleared(*checks: Check, waived: tuple[str, ...] = ()) -> str:
         file, path = report(mission, *checks), str(mission)
-        return clearance(file, waived, path, 3, now_unix_s=NOW_S, needs=("signing",)).grounded
+        return clearance(file, waived, path, 3, now=NOW, is_clock_set=lambda: True, needs=("signing",)).grounded
 
     assert cleared(GOOD) == "preflight failed: signing"
     assert cleared(GOOD, waived=("signing",)) == ""
@@ -81,9 +83,13 @@ def test_check_that_this_flight_needs_grounds_where_it_is_not_in_the_report(miss
 
 def test_name_that_is_no_check_is_told_and_waives_nothing(mission: Path) -> None:
     told = "waive: no check named 'bogus', 'hom'"
-    cleared = clearance(report(mission, GOOD, WORSE), ("bogus", "hom"), str(mission), 3, now_unix_s=NOW_S)
+    cleared = clearance(
+        report(mission, GOOD, WORSE), ("bogus", "hom"), str(mission), 3, now=NOW, is_clock_set=lambda: True
+    )
     assert (cleared.grounded, cleared.unknown) == (f"preflight failed: home; {told}", told)
-    cleared = clearance(report(mission, GOOD, WORSE), ("bogus", "home"), str(mission), 3, now_unix_s=NOW_S)
+    cleared = clearance(
+        report(mission, GOOD, WORSE), ("bogus", "home"), str(mission), 3, now=NOW, is_clock_set=lambda: True
+    )
     assert (cleared.grounded, cleared.unknown) == ("", "waive: no check named 'bogus'")
 
 
@@ -95,6 +101,51 @@ def test_old_report_grounds(mission: Path, age_s: float, word: str) -> None:
     why = grounded(mission, report(mission, GOOD, time_unix_s=NOW_S - age_s))
     assert bool(why) == bool(word)
     assert word in why
+
+
+@pytest.mark.parametrize(("age_s", "word"), [(0.0, ""), (AGE_MAX_S, ""), (AGE_MAX_S + 1.0, "12 h old"), (-1e3, "come")])
+def test_report_of_this_boot_is_as_old_as_the_boot_tells_whatever_the_wall_clock_does(
+    mission: Path, age_s: float, word: str
+) -> None:
+    now = Now(0.0, "b007", 90_000.0)
+    file = report(mission, GOOD, boot_id="b007", boot_s=now.boot_s - age_s)
+    for is_set in (True, False, None):
+        why = clearance(file, (), str(mission), 3, now=now, is_clock_set=lambda told=is_set: told).grounded
+        assert bool(why) == bool(word)
+        assert word in why
+
+
+@pytest.mark.parametrize("boot_id", ["b006", ""])
+@pytest.mark.parametrize("is_set", [True, False, None])
+def test_report_of_an_earlier_boot_is_believed_by_a_clock_that_is_set_alone(
+    mission: Path, boot_id: str, is_set: bool | None
+) -> None:
+    """A board without a battery for its clock goes on from its shutdown: the report seems an hour old, in any year."""
+    file = report(mission, GOOD, boot_id=boot_id, boot_s=1.0)
+    why = clearance(file, (), str(mission), 3, now=NOW, is_clock_set=lambda: is_set).grounded
+    believed = is_set or (is_set is None and not boot_id)  # a report of a version before, where nobody tells
+    assert bool(why) != believed
+    assert believed or ("reboot" if boot_id else "older version") in why
+    assert believed or "run it again" in why
+
+
+def test_boots_that_are_not_known_are_not_one(mission: Path) -> None:
+    file, unknown = report(mission, GOOD), Now(NOW_S, "", 20_000.0)
+    assert "older version" in clearance(file, (), str(mission), 3, now=unknown, is_clock_set=lambda: False).grounded
+
+
+def test_a_boot_has_one_name_by_the_kernel_and_in_the_service(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "boot_id"
+    file.write_text("12345678-9abc-def0-1234-56789abcdef0\n")
+    monkeypatch.setattr(computer, "BOOT_ID", file)
+    by_kernel = computer.now()
+    file.unlink()
+    monkeypatch.setenv("UNDERSTORY_BOOT_ID", "123456789abcdef0123456789abcdef0")
+    by_service = computer.now()
+    assert by_kernel.boot_id == by_service.boot_id == "123456789abcdef0123456789abcdef0"
+    assert by_kernel.boot_s <= by_service.boot_s
+    monkeypatch.delenv("UNDERSTORY_BOOT_ID")
+    assert computer.now().boot_id == ""
 
 
 def test_report_is_of_one_vehicle_and_of_one_mission_to_the_byte(mission: Path) -> None:
