@@ -184,6 +184,10 @@ place() { # SOURCE TARGET MODE OWNER: never over what is there
     say "made $2"
 }
 
+number() { # this vehicle's, as systemd reads it: the last, without blanks and quotes; nothing while none is set
+    sed -n 's/^[[:blank:]]*UNDERSTORY_ID[[:blank:]]*=//p' "$CONFIG/companion.env" | tail -n 1 | tr -d "\"'[:blank:]\r"
+}
+
 check_key() { # FILE RELEASE: copies it to $KEY.new, if it is this vehicle's, as far as the number is set
     (umask 077 && cp "$1" "$KEY.new")
     shown=$("$2/bin/companion" key show-id "$KEY.new") || {
@@ -191,7 +195,7 @@ check_key() { # FILE RELEASE: copies it to $KEY.new, if it is this vehicle's, as
         fail 2 "$1: no key file, see above"
     }
     owner=$(echo "$shown" | sed -n 's/^owner *//p')
-    number=$(sed -n 's/^UNDERSTORY_ID=//p' "$CONFIG/companion.env")
+    number=$(number)
     [ "$owner" = "vehicle ${number:-${owner#vehicle }}" ] || {
         rm -f "$KEY.new"
         fail 2 "$1: is the key file of $owner, and this is vehicle ${number:-1 to 250} ($CONFIG/companion.env)"
@@ -222,7 +226,7 @@ configure() {
 }
 
 next_steps() {
-    grep -Eq '^UNDERSTORY_ID=.' "$CONFIG/companion.env" || say "to do: this vehicle's number in $CONFIG/companion.env"
+    [ -n "$(number)" ] || say "to do: this vehicle's number in $CONFIG/companion.env"
     [ -e "$CONFIG/mission.toml" ] || say "to do: the swarm's mission as $CONFIG/mission.toml"
     [ -e "$KEY" ] || say "to do: this vehicle's key: understory-install --replace-key FILE"
     if ! has_systemd; then

@@ -236,6 +236,15 @@ class TestInstaller:
         assert replace_key(tmp_path, vehicle_of(operator_of(), 3)).returncode == 0
         assert "the operator, and this is vehicle 1 to 250" in replace_key(tmp_path, operator_of()).stderr
 
+    @pytest.mark.parametrize(
+        "lines", ['UNDERSTORY_ID="3"', "UNDERSTORY_ID='3' ", " UNDERSTORY_ID = 3\r", "UNDERSTORY_ID=2\nUNDERSTORY_ID=3"]
+    )
+    def test_the_vehicles_number_is_what_systemd_reads(self, tmp_path: Path, lines: str) -> None:
+        assert replace_key(tmp_path, vehicle_of(operator_of(), 2)).returncode == 0
+        (tmp_path / "etc" / "companion.env").write_text(f"#UNDERSTORY_ID=4\n{lines}\nUNDERSTORY_PEERS=\n")
+        assert replace_key(tmp_path, vehicle_of(operator_of(), 3)).returncode == 0
+        assert "and this is vehicle 3" in replace_key(tmp_path, vehicle_of(operator_of(), 2)).stderr
+
     @pytest.mark.parametrize("options", [["--sideways"], ["--key"], ["--replace-key"]])
     def test_wrong_usage(self, options: list[str]) -> None:
         assert run_installer(BOARD, *options).returncode == 2
