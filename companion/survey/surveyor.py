@@ -46,7 +46,8 @@ CONTEXT_RAYS: Final = 60  # a stem in sight with fewer aligns nothing
 CONTEXT_MAX: Final = 8
 SD_MAX_M: Final = 1.0  # of a diameter: a fit that tells nothing
 RETURNS_MAX: Final = 256  # passes that wait to be taken: 7 MB
-STEPS_LANDED: Final = 400  # a tick: on the ground nothing waits
+# A tick: nothing waits on the ground but systemd's watchdog, 1.5 s. By count, as a replay has the same; up to 3 ms each
+STEPS_LANDED: Final = 20
 
 
 class _Fitted(NamedTuple):

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from array import array
+from collections import Counter
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -11,10 +14,12 @@ import pytest
 from companion.cloud.returns import OF_STEM, decode_returns
 from companion.core.model.events import LidarScan
 from companion.core.perception.landmarks.scan_pose import ScanPose
+from companion.survey.alignment import JointFit
 from companion.survey.observation import STEM_KIND, StemObservation, decode
 from companion.survey.of_mission import survey_of
-from companion.survey.surveyor import Surveyor
+from companion.survey.surveyor import STEPS_LANDED, Surveyor
 from mission.document.model import Mission
+from tests.unit.survey.survey_kit import passing, rays_at, stem_of
 from tests.unit.survey.test_rays import AXIS, RADIUS_M, pose_at, seen_m, trunk_at
 
 ROUTE = {"d1_enu_m": [0.0, 0.0, 4.0], "d2_enu_m": [60.0, 0.0, 4.0], "vel_leader_mps": 2.0}
@@ -143,6 +148,32 @@ def test_the_returns_of_a_stem_are_where_its_record_has_it() -> None:
     assert set(points["ring"].tolist()) == {0}
     assert one.ground_up_m is None  # a level lidar does not see it
     assert surveyor.take_returns() == []
+
+
+def test_many_stems_at_a_landing_are_told_within_seconds_a_few_steps_of_the_fit_a_tick(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """All in one tick took up to 1.5 s, and systemd ends a companion that is silent for so long."""
+    steps: list[float] = []  # times
+
+    def counted(fit: JointFit) -> Iterator[None]:
+        for step in plain(fit):
+            steps.append(now_s)
+            yield step
+
+    plain = JointFit.steps
+    monkeypatch.setattr(JointFit, "steps", counted)
+    surveyor, many = Surveyor(flown(survey={}), 7, keeps_returns=True), 30
+    rays = rays_at(lambda _: 0.15, passing(scans=20), np.random.default_rng(1))
+    surveyor._passed.extend(stem_of(array("f", rays), (0.05, -0.05, 0.15)) for _ in range(many))
+    told: dict[float, int] = {}
+    for tick in range(100):
+        now_s = 0.05 * tick
+        told[now_s] = sum(kind == STEM_KIND for kind, _ in surveyor.take_records(pose_at(now_s, airborne=False), now_s))
+        assert len(surveyor.take_returns()) <= STEPS_LANDED
+    assert sum(told.values()) == many
+    assert max(Counter(steps).values()) == STEPS_LANDED
+    assert max(steps) < many * 10 / STEPS_LANDED * 0.05
 
 
 def test_what_is_measured_is_the_same_with_returns_and_without() -> None:
