@@ -319,7 +319,7 @@ def _black_box(
 def _write_rest(
     records: RecordExchange | None, returns: ReturnsLog | None, log: FlightLog, now_s: float | None
 ) -> None:
-    """What waits for the disk when the flight ends; what it does not take in time is told as lost."""
+    """Write records and returns that wait for the disk; those that it does not take in time are told as lost."""
     until_s, at_s = time.monotonic() + REST_S, now_s or 0.0
     while True:
         left = (0 if records is None else records.finish(at_s), 0 if returns is None else returns.finish())
