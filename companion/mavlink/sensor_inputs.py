@@ -10,6 +10,7 @@ from companion.mavlink import dialect
 from companion.mavlink.framing.frames import Framing, Incoming
 from companion.mavlink.framing.signing import Gate
 from companion.mavlink.sensor_source import PayloadValue, SensorSource
+from companion.mavlink.streams import fastest_hz
 
 FOREIGN_MAX: Final = 16  # systems of each sensor that are remembered, to be named
 SHARED: Final = ""  # the link of all drivers, where no link has a name
@@ -27,7 +28,7 @@ class SensorInputs:
         """`streams`: by the name of a link, whether its bytes may break anywhere (serial)."""
         self.sources: Final = tuple(sources)
         self.forwarded: Final = frozenset(id_ for source in sources if source.IS_FORWARDED for id_ in source.MESSAGES)
-        self.autopilot_hz: Final = {id_: hz for source in sources for id_, hz in source.AUTOPILOT_HZ.items()}
+        self.autopilot_hz: Final = fastest_hz(*[source.AUTOPILOT_HZ for source in sources])
         self._by_message: Final = {id_: source for source in sources for id_ in source.MESSAGES}
         self._vehicle_id: Final = vehicle_id
         self._gate: Final = Gate(takes_signed=True)  # by wire, or from a simulator

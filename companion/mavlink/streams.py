@@ -25,6 +25,15 @@ NONE: Final[Mapping[int, float]] = MappingProxyType({})
 FIX_HZ: Final[Mapping[int, float]] = MappingProxyType({dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 5})
 
 
+def fastest_hz(*tables: Mapping[int, float]) -> dict[int, float]:
+    """Message id -> the highest of the rates that any of `tables` has for it."""
+    found: dict[int, float] = {}
+    for table in tables:
+        for message_id, rate_hz in table.items():
+            found[message_id] = max(rate_hz, found.get(message_id, 0.0))
+    return found
+
+
 def streams_hz(
     make: Make | None, *, sensors_hz: Mapping[int, float] = NONE, reception: bool = False
 ) -> dict[int, float]:
@@ -33,8 +42,8 @@ def streams_hz(
     `sensors_hz`: what its sensors need of the autopilot. `reception`: of a vehicle with GNSS in a swarm of which
     not all have them.
     """
-    own = {} if make is None else {**make.streams_hz, **(make.reception_hz if reception else {})}
-    return {**STREAMS_HZ, **sensors_hz, **own}
+    own = () if make is None else (make.streams_hz, make.reception_hz if reception else NONE)
+    return fastest_hz(STREAMS_HZ, sensors_hz, *own)
 
 
 def receiver_hz(mission: Mission, vehicle_id: int) -> Mapping[int, float]:

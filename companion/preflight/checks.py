@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from companion.mavlink import dialect
 from companion.mavlink.makes import MAKES
 from companion.mavlink.makes.make import Aid, Make, Rule
-from companion.mavlink.streams import receiver_hz, reception_counts, streams_hz
+from companion.mavlink.streams import fastest_hz, receiver_hz, reception_counts, streams_hz
 from companion.preflight.fence import difference, fence_of
 from companion.preflight.report import Check, Verdict
 from companion.preflight.survey import Survey
@@ -201,7 +201,7 @@ def _link(survey: Survey, mission: Mission, vehicle_id: int) -> Check:
     """Streams that the companion needs, at the rates it has asked for."""
     parts, slow, absent = [], False, []
     reception = reception_counts(mission, vehicle_id)
-    own_hz = {**receiver_hz(mission, vehicle_id), **autopilot_hz(mission)}
+    own_hz = fastest_hz(receiver_hz(mission, vehicle_id), autopilot_hz(mission))
     asked_hz = streams_hz(survey.make, sensors_hz=own_hz, reception=reception)
     for message_id, rate_hz in asked_hz.items():
         name = dialect.mavlink_map[message_id].msgname

@@ -34,7 +34,7 @@ from companion.mavlink.endpoint import COMPONENT
 from companion.mavlink.makes import load_installed_makes, make_of
 from companion.mavlink.makes.make import Rule
 from companion.mavlink.sensor_source import SensorSource, SensorTally
-from companion.mavlink.streams import receiver_hz, reception_counts, streams_hz
+from companion.mavlink.streams import fastest_hz, receiver_hz, reception_counts, streams_hz
 from companion.preflight.fence import Vertex, difference, fence_of
 from companion.preflight.report import Check, check_of
 from companion.preflight.survey import EXIT_LINK, Parameter, Survey
@@ -171,7 +171,7 @@ def survey_autopilot(mavsdk: Mavsdk, mission: Mission, vehicle_id: int, *, apply
     received.wait_for("HEARTBEAT")
     make = make_of(received.last().get("HEARTBEAT", {}).get("autopilot", -1))
     reception = reception_counts(mission, vehicle_id)
-    own_hz = {**receiver_hz(mission, vehicle_id), **autopilot_hz(mission)}
+    own_hz = fastest_hz(receiver_hz(mission, vehicle_id), autopilot_hz(mission))
     for message_id, rate_hz in streams_hz(make, sensors_hz=own_hz, reception=reception).items():
         _command(direct, vehicle_id, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, 1e6 / rate_hz)
     time.sleep(SETTLE_S)

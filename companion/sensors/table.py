@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Final
 
 from companion.mavlink.sensor_source import SensorSource
+from companion.mavlink.streams import fastest_hz
 from companion.sensors import installed
 from companion.sensors.obstacle_sensor import ObstacleSensor
 from companion.sensors.payload import PayloadSensors
@@ -49,7 +50,7 @@ def sensors_of(mission: Mission) -> list[SensorSource]:
 
 def autopilot_hz(mission: Mission) -> dict[int, float]:
     """Messages that these need of the own autopilot -> rate."""
-    return {id_: hz for kind in kinds_of(mission).values() for id_, hz in kind.AUTOPILOT_HZ.items()}
+    return fastest_hz(*[kind.AUTOPILOT_HZ for kind in kinds_of(mission).values()])
 
 
 def _named(name: str, mission: Mission) -> type[SensorSource]:

@@ -7,26 +7,31 @@ import socket
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import pytest
 
 from companion import cli, doctor, run_command, sensors
+from companion.core.agent import TICK_HZ
 from companion.core.model.events import Event, Ranges
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.framing import wire
+from companion.mavlink.framing.frames import Framing
 from companion.mavlink.sensor_source import Finding, SensorSource, SensorTally
+from companion.mavlink.streams import streams_hz
 from companion.preflight import command as preflight_command
 from companion.preflight.report import Verdict
 from companion.preflight.survey import Survey
-from companion.sensors.table import SENSORS, sensors_of
+from companion.sensors.obstacle_sensor import ATTITUDE_HZ
+from companion.sensors.table import SENSORS, autopilot_hz, sensors_of
 from companion.shell.flight_log import ChangeLogger, FlightLog
 from companion.shell.runner import Runner
 from tests.unit.core.core_kit import mission
 from tests.unit.shell.runner_kit import MemoryLink
 
 ME, DRIVER = 3, 99
+COMMAND = dialect.MAVLINK_MSG_ID_COMMAND_LONG
 URL = "udpin://127.0.0.1:14599"
 
 
@@ -73,6 +78,14 @@ class Altimeter(SensorSource):
     @classmethod
     def tally(cls, began_s: float) -> AltimeterTally:
         return AltimeterTally(began_s)
+
+
+class SlowAltimeter(Altimeter):
+    """Content with fewer positions and attitudes of the autopilot than the flight goes by."""
+
+    NAME = "slow altimeter"
+    MESSAGES: ClassVar = {dialect.MAVLINK_MSG_ID_HYGROMETER_SENSOR: "HYGROMETER_SENSOR"}
+    AUTOPILOT_HZ: ClassVar = {dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 2.0, dialect.MAVLINK_MSG_ID_ATTITUDE: 2.0}
 
 
 @pytest.fixture(autouse=True)
@@ -205,3 +218,14 @@ def test_sensors_are_pure() -> None:
         names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
         names |= {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
         assert not {name.split(".")[0] for name in names} & pure, path
+
+
+def test_a_sensor_lowers_no_rate_that_the_flight_or_another_sensor_needs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(SENSORS, SlowAltimeter.NAME, SlowAltimeter)
+    seeing = mission(sensing={})
+    attitude, position = dialect.MAVLINK_MSG_ID_ATTITUDE, dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+    assert autopilot_hz(seeing)[attitude] == ATTITUDE_HZ
+    assert streams_hz(None, sensors_hz=autopilot_hz(seeing))[position] == TICK_HZ
+    out = Framing({COMMAND}).read_messages(Endpoint(seeing, ME, sensors=sensors_of(seeing)).tick(0.0).autopilot)
+    asked_hz = {int(i.message.param1): 1e6 / i.message.param2 for i in out if i.message.param2}
+    assert (asked_hz[attitude], asked_hz[position]) == pytest.approx((ATTITUDE_HZ, TICK_HZ))
