@@ -126,7 +126,7 @@ class Endpoint:
         self.records: Final = records
         reception, fix_hz = reception_counts(mission, vehicle_id), receiver_hz(mission, vehicle_id)
         sensors_hz = fastest_hz(fix_hz, self.sensors.autopilot_hz)
-        self._requests = StreamRequests(self.codec, sensors_hz, reception=reception)
+        self._requests = StreamRequests(self.codec, sensors_hz, self.report_surroundings, reception=reception)
         wanted = FROM_AUTOPILOT | self.sensors.forwarded | frozenset(self.sensors.autopilot_hz)
         wanted |= RECEPTION if reception else frozenset(fix_hz)
         self.autopilot = Framing(wanted, is_stream=autopilot_is_stream)

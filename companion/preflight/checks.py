@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from companion.mavlink import dialect
 from companion.mavlink.makes import MAKES
 from companion.mavlink.makes.make import Aid, Make, Rule
-from companion.mavlink.streams import fastest_hz, receiver_hz, reception_counts, streams_hz
+from companion.mavlink.streams import RATE_MIN_SHARE, fastest_hz, receiver_hz, reception_counts, streams_hz
 from companion.preflight.fence import difference, fence_of
 from companion.preflight.report import Check, Verdict
 from companion.preflight.survey import Survey
@@ -22,7 +22,6 @@ VOLTAGE_MIN_V = 3.0  # less than one cell: nothing is measured
 FIX_MIN, SATELLITES_MIN = 3, 6  # a 3D fix, and two satellites more than it needs
 HOME_D1_MAX_M = 100.0  # level; vehicles take off about d1
 HOME_HEIGHT_MAX_M = 10.0  # from the origin's ground: heights in the mission count from there
-RATE_MIN_SHARE = 0.8  # of what was asked; one message more is the window's edge
 HEARTBEAT_GAP_MAX_S = 2.0  # one may be late; after 3 s the companion takes the autopilot for lost
 CLOCK_MAX_S = 2.0
 PREARM_BIT = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
