@@ -2,9 +2,11 @@
 
 The autopilot's local frame starts where its estimator did: GPS_GLOBAL_ORIGIN says where that is, on PX4 and ArduPilot
 alike. Until it is heard, HOME_POSITION, which gives one point in both frames, stands in; PX4's first one may be a metre
-off, and both autopilots set home anew when they arm. Beacons carry WGS84, so vehicles agree without knowing of each
-other's local frames; the decoder turns a beacon's position into one relative to the vehicle's own, and nothing behind
-it sees an absolute one.
+off, and both autopilots set home anew when they arm. An autopilot that has started again has another frame, and may
+tell it once: what was known of the old one is forgotten, and an origin that home contradicts is asked for.
+
+Beacons carry WGS84, so vehicles agree without knowing of each other's local frames; the decoder turns a beacon's
+position into one relative to the vehicle's own, and nothing behind it sees an absolute one.
 """
 
 from __future__ import annotations
@@ -52,6 +54,11 @@ VELOCITY_AND_YAW: Final = 0x9C7  # type mask of SET_POSITION_TARGET_LOCAL_NED
 NAN: Final = math.nan  # not known
 LIDAR_ESTIMATOR: Final = 7  # MAV_ESTIMATOR_TYPE_LIDAR
 ODOMETRY_SD_MPS: Final = 0.1  # of the own motion by trunks, an axis (docs/explanation/own-motion.md)
+REBOOT_MS: Final = 5000  # of its own time, back: no frame is late by that
+REBOOT_FRAMES: Final = 3  # in a row: one may be a stray
+DOUBT_M: Final = (
+    5.0  # between the origin as told and as home has it; recorded: 1.4 m at first, then 0.05 m (both makes)
+)
 MULTICOPTERS = frozenset({2, 3, 4, 13, 14, 15, 29, 35})  # MAV_TYPE: other vehicles number their modes differently
 TIME_LIMIT_NS = 1 << 62  # 146 years: beyond it a time is not believed
 
@@ -65,18 +72,23 @@ class Codec:
     """
 
     __slots__ = (
+        "_boot_ms",
         "_broadcasts_position",
+        "_earlier_count",
         "_ekf_flags",
         "_frame",
         "_home_ned_m",
+        "_home_origin_ned_m",
         "_is_anchored",
         "_local_to_mission",
         "_pos_ned_m",
         "_texts",
         "dropped",
         "make",
+        "origin_doubted",
         "origin_known",
         "other_versions",
+        "reboots",
         "vehicle_id",
     )
 
@@ -93,11 +105,16 @@ class Codec:
         self._is_anchored = start_ned_m is not None
         self._broadcasts_position = broadcasts_position
         self._home_ned_m: Vec3 | None = None
+        self._home_origin_ned_m: Vec3 | None = None  # where home had the local frame start when it was looked at last
         self._pos_ned_m: Vec3 | None = None
+        self._boot_ms = 0  # the autopilot's time at the last position
+        self._earlier_count = 0  # positions since that are of a much earlier one
         self._ekf_flags = 0
         self._texts = texts.Reader()
         self.make: Make | None = None  # of the autopilot, once recognised
         self.origin_known = False  # GPS_GLOBAL_ORIGIN has been seen
+        self.origin_doubted = False  # home has contradicted it since
+        self.reboots = 0  # of the autopilot, that were noticed
         self.dropped = 0  # well-formed messages whose content was refused
         self.other_versions = 0  # beacons of another version than this companion's
 
@@ -105,6 +122,7 @@ class Codec:
 
     def position(self, m: Any) -> Position | None:
         """LOCAL_POSITION_NED -> position and velocity; None until the local frame is tied to the mission's."""
+        self._note_boot_time(m.time_boot_ms)
         if self._local_to_mission is None:
             return None
         local, velocity = (m.x, m.y, m.z), (m.vx, m.vy, m.vz)
@@ -113,6 +131,20 @@ class Codec:
             return None
         self._pos_ned_m = add(self._local_to_mission, local)
         return Position(self._pos_ned_m, velocity, m.time_boot_ms / 1e3)
+
+    def _note_boot_time(self, boot_ms: int) -> None:
+        """Where it went back, and stays there, the autopilot has started again: its frame and home are unknown."""
+        if boot_ms > self._boot_ms - REBOOT_MS:
+            self._boot_ms, self._earlier_count = boot_ms, 0
+            return
+        self._earlier_count += 1
+        if self._earlier_count < REBOOT_FRAMES:
+            return
+        self._boot_ms, self._earlier_count = boot_ms, 0
+        self.reboots += 1
+        if not self._is_anchored:
+            self._local_to_mission = self._home_ned_m = self._home_origin_ned_m = self._pos_ned_m = None
+            self.origin_known = self.origin_doubted = False
 
     def origin(self, m: Any) -> None:
         """GPS_GLOBAL_ORIGIN: where the autopilot's local frame starts."""
@@ -123,7 +155,7 @@ class Codec:
             self.dropped += 1
             return
         self._local_to_mission = origin_ned_m
-        self.origin_known = True
+        self.origin_known, self.origin_doubted = True, False
 
     def home(self, m: Any) -> None:
         """HOME_POSITION: what a takeoff on ArduPilot counts from, and one point in the local frame and on Earth."""
@@ -134,8 +166,13 @@ class Codec:
             self.dropped += 1
             return
         self._home_ned_m = home_ned_m
-        if not self.origin_known:
-            self._local_to_mission = sub(home_ned_m, (m.x, m.y, m.z))
+        told, before = sub(home_ned_m, (m.x, m.y, m.z)), self._home_origin_ned_m
+        tied = self._local_to_mission
+        if not self.origin_known or tied is None:
+            self._local_to_mission = told
+        elif before is None or math.dist(told, before) > DOUBT_M:  # the same is not asked about again
+            self._home_origin_ned_m = told
+            self.origin_doubted = math.dist(told, tied) > DOUBT_M
 
     @property
     def frame_known(self) -> bool:

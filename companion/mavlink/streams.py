@@ -84,6 +84,7 @@ class StreamRequests:
         self._windows: Final = dict[int, tuple[float, int]]()  # of each stream that comes: since when, its count then
         self._slow: Final = dict[int, int]()  # windows in a row in which it was too slow
         self._frame_tries = 0
+        self._reboots = 0  # of the autopilot, that are known here
 
     def note_message(self, message_id: int, now_s: float) -> None:
         """The own autopilot has sent it."""
@@ -98,6 +99,9 @@ class StreamRequests:
 
     def missing(self, now_s: float) -> list[Any]:
         """SET_MESSAGE_INTERVAL for streams that come too slowly or not at all, and what ties the frames if unknown."""
+        if self._codec.reboots != self._reboots:  # what was asked for is forgotten, its frame is another
+            self._reboots, self._frame_tries = self._codec.reboots, 0
+            self._asked_s, self._complete_s = None, -1e9
         if now_s < self._complete_s or (self._asked_s is not None and now_s - self._asked_s < STREAMS_RETRY_S):
             return []
         wanted_hz = streams_hz(self._codec.make, sensors_hz=self._sensors_hz, reception=self._reception)
@@ -142,11 +146,15 @@ class StreamRequests:
     def _frame_requests(self) -> list[Any]:
         if self._codec.is_anchored:
             return []
-        known = (self._codec.origin_known, self._codec.home_known)
+        known = (self._codec.origin_known and not self._codec.origin_doubted, self._codec.home_known)
         missing = [message_id for message_id, is_known in zip(FRAME_MESSAGES, known, strict=True) if not is_known]
-        if not missing or (self._codec.frame_known and self._frame_tries >= FRAME_TRIES):
+        if not missing:
+            self._frame_tries = 0
             return []
-        self._frame_tries += 1
+        if self._codec.frame_known:
+            if self._frame_tries >= FRAME_TRIES:
+                return []
+            self._frame_tries += 1
         asks = [self._codec.command(dialect.MAV_CMD_REQUEST_MESSAGE, message_id) for message_id in missing]
         if dialect.MAVLINK_MSG_ID_HOME_POSITION in missing:
             home = dialect.MAVLINK_MSG_ID_HOME_POSITION

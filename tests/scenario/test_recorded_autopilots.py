@@ -50,6 +50,8 @@ class Heard:
     said: list[str] = field(default_factory=list)
     dropped: int = 0
     bad: int = 0
+    doubted: bool = False  # its origin, by its home
+    reboots: int = 0
 
 
 @cache
@@ -72,6 +74,7 @@ def listen(name: str, started_s: float = 0.0) -> Heard:
             next_s += TICK_S
             note(heard.states, one.agent.flight.state)
         one.from_autopilot(packet, now_s)
+        heard.doubted |= one.codec.origin_doubted
         flight = one.agent.flight
         mode = flight.vehicle.mode
         if mode is not None and note(heard.modes, (mode.name, mode.armed, mode.failsafe)):
@@ -93,7 +96,7 @@ def listen(name: str, started_s: float = 0.0) -> Heard:
                     expected = add(at.pos_ned_m, scale(at.vel_ned_mps, later_s))
                     heard.furthest_off_m = max(heard.furthest_off_m, math.dist(truth, expected))
     heard.make = one.codec.make.name if one.codec.make is not None else ""
-    heard.dropped, heard.bad = one.codec.dropped, one.autopilot.bad
+    heard.dropped, heard.bad, heard.reboots = one.codec.dropped, one.autopilot.bad, one.codec.reboots
     return heard
 
 
@@ -124,6 +127,12 @@ def test_make_is_recognised_and_no_packet_is_bad(name: str) -> None:
     heard = listen(name)
     assert heard.make == ("PX4" if name.startswith("px4") else "ArduPilot")
     assert (heard.bad, heard.dropped) == (0, 0)
+
+
+@pytest.mark.parametrize("name", FLIGHTS)
+def test_what_a_make_says_of_its_home_makes_no_doubt_of_its_frame(name: str) -> None:
+    heard = listen(name)
+    assert (heard.doubted, heard.reboots) == (False, 0)
 
 
 @pytest.mark.parametrize("name", FLIGHTS)
