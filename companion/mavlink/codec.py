@@ -292,9 +292,16 @@ class Codec:
         return payload
 
     def odometry(self, vel_ned_mps: Vec3, time_us: int) -> Any:
-        """ODOMETRY with a velocity alone, NED; `time_us`: by the clock of our TIMESYNC. All else is NaN."""
+        """A velocity alone, NED, by ODOMETRY, all else of it NaN, or as the make takes it.
+
+        `time_us`: by the clock of our TIMESYNC.
+        """
+        variance = ODOMETRY_SD_MPS * ODOMETRY_SD_MPS
+        if self.make is not None and not self.make.takes_odometry:
+            diagonal = [variance if k % 4 == 0 else 0.0 for k in range(9)]
+            return dialect.MAVLink_vision_speed_estimate_message(time_us, *vel_ned_mps, diagonal)
         variances = [NAN] * 21  # the upper right triangle of a 6 x 6 matrix
-        variances[0] = variances[6] = variances[11] = ODOMETRY_SD_MPS * ODOMETRY_SD_MPS
+        variances[0] = variances[6] = variances[11] = variance
         return dialect.MAVLink_odometry_message(
             time_us,
             _LOCAL_NED,

@@ -1111,6 +1111,7 @@ MAVLINK_MSG_ID_ATTITUDE_TARGET = 83
 MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED = 84
 MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED = 85
 MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT = 86
+MAVLINK_MSG_ID_VISION_SPEED_ESTIMATE = 103
 MAVLINK_MSG_ID_HIGHRES_IMU = 105
 MAVLINK_MSG_ID_SIM_STATE = 108
 MAVLINK_MSG_ID_TIMESYNC = 111
@@ -2580,6 +2581,49 @@ class MAVLink_set_position_target_global_int_message(MAVLink_message):
 # Define name on the class for backwards compatibility (it is now msgname).
 # Done with setattr to hide the class variable from mypy.
 setattr(MAVLink_set_position_target_global_int_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_vision_speed_estimate_message(MAVLink_message):
+    """
+    VISION_SPEED_ESTIMATE
+    """
+
+    id = MAVLINK_MSG_ID_VISION_SPEED_ESTIMATE
+    msgname = "VISION_SPEED_ESTIMATE"
+    fieldnames = ["usec", "x", "y", "z", "covariance", "reset_counter"]
+    ordered_fieldnames = ["usec", "x", "y", "z", "covariance", "reset_counter"]
+    fieldtypes = ["uint64_t", "float", "float", "float", "float", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"usec": "us", "x": "m/s", "y": "m/s", "z": "m/s"}
+    native_format = bytearray(b"<QffffB")
+    orders = [0, 1, 2, 3, 4, 5]
+    lengths = [1, 1, 1, 1, 9, 1]
+    array_lengths = [0, 0, 0, 0, 9, 0]
+    crc_extra = 208
+    unpacker = struct.Struct("<Qfff9fB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, usec: int, x: float, y: float, z: float, covariance: Sequence[float] = (0, 0, 0, 0, 0, 0, 0, 0, 0), reset_counter: int = 0):
+        MAVLink_message.__init__(self, MAVLink_vision_speed_estimate_message.id, MAVLink_vision_speed_estimate_message.msgname)
+        self._fieldnames = MAVLink_vision_speed_estimate_message.fieldnames
+        self._instance_field = MAVLink_vision_speed_estimate_message.instance_field
+        self._instance_offset = MAVLink_vision_speed_estimate_message.instance_offset
+        self.usec = usec
+        self.x = x
+        self.y = y
+        self.z = z
+        self.covariance = covariance
+        self.reset_counter = reset_counter
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.usec, self.x, self.y, self.z, self.covariance[0], self.covariance[1], self.covariance[2], self.covariance[3], self.covariance[4], self.covariance[5], self.covariance[6], self.covariance[7], self.covariance[8], self.reset_counter), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_vision_speed_estimate_message, "name", mavlink_msg_deprecated_name_property())
 
 
 class MAVLink_highres_imu_message(MAVLink_message):
@@ -4215,6 +4259,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: MAVLink_set_position_target_local_ned_message,
     MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: MAVLink_position_target_local_ned_message,
     MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: MAVLink_set_position_target_global_int_message,
+    MAVLINK_MSG_ID_VISION_SPEED_ESTIMATE: MAVLink_vision_speed_estimate_message,
     MAVLINK_MSG_ID_HIGHRES_IMU: MAVLink_highres_imu_message,
     MAVLINK_MSG_ID_SIM_STATE: MAVLink_sim_state_message,
     MAVLINK_MSG_ID_TIMESYNC: MAVLink_timesync_message,
@@ -5652,6 +5697,34 @@ class MAVLink(object):
 
         """
         self.send(self.set_position_target_global_int_encode(time_boot_ms, target_system, target_component, coordinate_frame, type_mask, lat_int, lon_int, alt, vx, vy, vz, afx, afy, afz, yaw, yaw_rate), force_mavlink1=force_mavlink1)
+
+    def vision_speed_estimate_encode(self, usec: int, x: float, y: float, z: float, covariance: Sequence[float] = (0, 0, 0, 0, 0, 0, 0, 0, 0), reset_counter: int = 0) -> MAVLink_vision_speed_estimate_message:
+        """
+        VISION_SPEED_ESTIMATE
+
+        usec                      : usec [us] (type:uint64_t)
+        x                         : x [m/s] (type:float)
+        y                         : y [m/s] (type:float)
+        z                         : z [m/s] (type:float)
+        covariance                : covariance (type:float)
+        reset_counter             : reset counter (type:uint8_t)
+
+        """
+        return MAVLink_vision_speed_estimate_message(usec, x, y, z, covariance, reset_counter)
+
+    def vision_speed_estimate_send(self, usec: int, x: float, y: float, z: float, covariance: Sequence[float] = (0, 0, 0, 0, 0, 0, 0, 0, 0), reset_counter: int = 0, force_mavlink1: bool = False) -> None:
+        """
+        VISION_SPEED_ESTIMATE
+
+        usec                      : usec [us] (type:uint64_t)
+        x                         : x [m/s] (type:float)
+        y                         : y [m/s] (type:float)
+        z                         : z [m/s] (type:float)
+        covariance                : covariance (type:float)
+        reset_counter             : reset counter (type:uint8_t)
+
+        """
+        self.send(self.vision_speed_estimate_encode(usec, x, y, z, covariance, reset_counter), force_mavlink1=force_mavlink1)
 
     def highres_imu_encode(self, time_usec: int, xacc: float, yacc: float, zacc: float, xgyro: float, ygyro: float, zgyro: float, xmag: float, ymag: float, zmag: float, abs_pressure: float, diff_pressure: float, pressure_alt: float, temperature: float, fields_updated: int, id: int = 0) -> MAVLink_highres_imu_message:
         """

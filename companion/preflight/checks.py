@@ -50,7 +50,7 @@ ABOUT = {
     "height": "Of a mission with layers of height (`separation.height_layers`): a downward range finder holds it. "
     + " ".join(f"{make.name}: {', or '.join(aid.text for aid in make.height_aids)}." for make in MAKES.values())
     + " Read only.",
-    "odometry": "Of a vehicle with GNSS whose companion sends ODOMETRY (`sensing.sends_odometry`): it is used. "
+    "odometry": "Of a vehicle with GNSS whose companion sends it a velocity (`sensing.sends_odometry`): it is used. "
     + " ".join(f"{make.name}: {', or '.join(aid.text for aid in make.odometry_aids)}." for make in MAKES.values())
     + " Read only.",
     "fence": "The polygon on the autopilot is the mission's, vertex by vertex, to 1e-7 degrees; without one there is "
@@ -67,7 +67,7 @@ ABOUT = {
 AIDING_FIX = (
     "switch on the sensor that it carries: nothing else tells it how it moves. --apply does not: it cannot know"
 )
-ODOMETRY_FIX = "set it to use the companion's ODOMETRY, or fly with sensing.sends_odometry = false"
+ODOMETRY_FIX = "set it to use the companion's velocity, or fly with sensing.sends_odometry = false"
 HEIGHT_FIX = "set the range finder that it carries up; without one fly with separation.height_layers = false"
 FIXES = ("no GPS", "no fix", "2D", "3D", "DGPS", "RTK float", "RTK fixed", "static", "PPP")
 

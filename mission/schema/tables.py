@@ -443,8 +443,9 @@ class Sensing(Table):
     sends_odometry: Annotated[
         Boolean,
         Field(
-            description="The autopilot is told of the own motion by trunks (ODOMETRY), and flies on by it when it "
-            "loses its GNSS fix. For vehicles with GNSS; PX4 must be set to use it (EKF2_EV_CTRL 4)."
+            description="The autopilot is told of the own motion by trunks (ODOMETRY; to ArduPilot "
+            "VISION_SPEED_ESTIMATE), and flies on by it when it loses its GNSS fix. For vehicles with GNSS; the "
+            "autopilot must be set to use it (PX4: EKF2_EV_CTRL 4)."
         ),
     ] = False
 

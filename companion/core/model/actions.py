@@ -60,7 +60,7 @@ class Ask:
 
 @dataclass(frozen=True, slots=True)
 class SendOdometry:
-    """ODOMETRY: the own velocity by what the vehicle sees, for the estimator of its autopilot."""
+    """The own velocity by what the vehicle sees, for its autopilot's estimator: ODOMETRY, or as the make has it."""
 
     vel_ned_mps: Vec3
 

@@ -164,12 +164,13 @@ HEIGHT_AIDS = (
         {"EK3_SRC1_POSZ": 2, "RNGFND1_ORIENT": 25},
     ),
 )
-# Its ODOMETRY's velocity beside that of satellites: a second source, and all velocities fused
+# The companion's velocity beside that of satellites: a second source, and all velocities fused. The other drivers turn
+# it by a yaw that they have of poses
 ODOMETRY_AIDS = (
     Aid(
-        "EK3_SRC2_VELXY 6 (external), EK3_SRC_OPTIONS with 1 (fuse all velocities) and VISO_TYPE not 0",
-        {"VISO_TYPE": ANY, "EK3_SRC_OPTIONS": 1},
-        {"EK3_SRC2_VELXY": 6},
+        "EK3_SRC2_VELXY 6 (external), EK3_SRC_OPTIONS with 1 (fuse all velocities) and VISO_TYPE 1 (MAVLink)",
+        {"EK3_SRC_OPTIONS": 1},
+        {"EK3_SRC2_VELXY": 6, "VISO_TYPE": 1},
     ),
 )
 
@@ -196,4 +197,5 @@ ARDUPILOT = Make(
     aids=AIDS,
     height_aids=HEIGHT_AIDS,
     odometry_aids=ODOMETRY_AIDS,
+    takes_odometry=False,  # only poses and body-frame velocities (LOCAL_FRD, BODY_FRD); all else it drops unsaid
 )

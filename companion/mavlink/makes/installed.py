@@ -15,6 +15,7 @@ STEERED: Final = (FlightMode.OFFBOARD, FlightMode.HOLD, FlightMode.LAND)  # that
 KINDS: Final[Mapping[type, tuple[str, ...]]] = {
     str: ("key", "name", "ready_about", "id_parameter", "serial_parameters"),
     int: ("autopilot", "ready_ekf_flags"),
+    bool: ("takes_odometry",),
     Mapping: ("modes", "mode_names", "streams_hz", "reception_hz"),
     tuple: ("canopy_rules", "satellite_rules", "aids", "height_aids", "odometry_aids"),
     AutopilotTraits: ("traits",),

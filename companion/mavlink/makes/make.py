@@ -113,7 +113,8 @@ class Make:
     odometry_rules: Callable[[Mission], tuple[Rule, ...]]  # of a vehicle without GNSS
     aids: tuple[Aid, ...] = ()  # of which it needs one
     height_aids: tuple[Aid, ...] = ()  # of which one that changes between layers of height needs one
-    odometry_aids: tuple[Aid, ...] = ()  # of which one whose companion sends ODOMETRY needs one, to use it
+    odometry_aids: tuple[Aid, ...] = ()  # of which one that its companion tells its velocity needs one, to use it
+    takes_odometry: bool = True  # a velocity in NED by ODOMETRY; False: by VISION_SPEED_ESTIMATE
 
     def rules(self, mission: Mission, vehicle_id: int | None = None) -> tuple[Rule, ...]:
         """Every parameter that must be right for this vehicle of `mission`; None: for one with GNSS."""
@@ -131,7 +132,7 @@ class Make:
         return self.height_aids if len(list_layers(mission)) > 1 else ()
 
     def odometry_aids_of(self, mission: Mission, vehicle_id: int) -> tuple[Aid, ...]:
-        """Aids of which this vehicle needs one to use the ODOMETRY of its companion; none: it is sent none."""
+        """Aids of which this vehicle needs one to use the velocity that its companion sends; none: it is sent none."""
         sensing = mission.sensing
         sends = sensing is not None and sensing.sends_odometry and mission.has_satellites(vehicle_id)
         return self.odometry_aids if sends else ()

@@ -17,7 +17,18 @@ from companion.mavlink.framing.texts import Reader
 from companion.mavlink.relative import read_trunk_report
 from mission.document.model import RANGE_MAX_M
 from tests.unit.core.core_kit import beacon, mission
-from tests.unit.mavlink.endpoint_kit import FLOWING, HOME, ME, TICK_S, endpoint, packed, placed, position, read
+from tests.unit.mavlink.endpoint_kit import (
+    FLOWING,
+    HOME,
+    ME,
+    TICK_S,
+    endpoint,
+    heartbeat,
+    packed,
+    placed,
+    position,
+    read,
+)
 
 # --- what the agent wants done ---
 
@@ -53,6 +64,18 @@ def test_odometry_tells_a_velocity_by_the_clock_of_our_timesync_and_nothing_else
     assert all(math.isnan(value) for value in (odometry.x, odometry.y, odometry.z, odometry.q[0], odometry.yawspeed))
     assert math.isnan(odometry.pose_covariance[0])
     assert [odometry.velocity_covariance[k] for k in (0, 6, 11)] == pytest.approx([0.01] * 3)
+
+
+def test_ardupilot_is_told_a_velocity_by_the_message_that_it_takes() -> None:
+    """Of ODOMETRY it drops every frame but LOCAL_FRD and BODY_FRD, and would take the pose."""
+    one = placed()
+    one.from_autopilot(packed(heartbeat(4, make=3)), 10.0)
+    one.agent = Puppet(SendOdometry((1.0, -0.5, 0.25)))  # type: ignore[assignment]
+    sent = [m for m in read(one.tick(10.0).autopilot) if m.get_type() in ("ODOMETRY", "VISION_SPEED_ESTIMATE")]
+    (estimate,) = sent
+    assert (estimate.get_type(), estimate.usec) == ("VISION_SPEED_ESTIMATE", 10_000_000)
+    assert (estimate.x, estimate.y, estimate.z) == (1.0, -0.5, 0.25)
+    assert list(estimate.covariance) == pytest.approx([0.01, 0, 0, 0, 0.01, 0, 0, 0, 0.01])
 
 
 def test_takeoff_is_asked_for_above_mean_sea_level() -> None:

@@ -84,6 +84,7 @@ def test_layers_of_height_need_a_downward_range_finder(make: Make, values: dict[
         (ARDUPILOT, {"EK3_SRC2_VELXY": 6, "EK3_SRC_OPTIONS": 0, "VISO_TYPE": 1}, False),  # one source at a time
         (ARDUPILOT, {"EK3_SRC2_VELXY": 0, "EK3_SRC_OPTIONS": 1, "VISO_TYPE": 1}, False),
         (ARDUPILOT, {"EK3_SRC2_VELXY": 6, "EK3_SRC_OPTIONS": 1, "VISO_TYPE": 0}, False),
+        (ARDUPILOT, {"EK3_SRC2_VELXY": 6, "EK3_SRC_OPTIONS": 1, "VISO_TYPE": 3}, False),  # turns it by its own yaw
     ],
 )
 def test_an_autopilot_that_is_sent_odometry_must_use_it(
