@@ -26,6 +26,7 @@ HEARTBEAT_GAP_MAX_S = 2.0  # one may be late; after 3 s the companion takes the 
 CLOCK_MAX_S = 2.0
 PREARM_BIT = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
 UNKNOWN_VOLTAGE_MV = 0xFFFF
+UNKNOWN_SATELLITES = 0xFF
 # What each check is about, for the reference; those of parameters are named as the parameters.
 ABOUT = {
     "mission": "The file is valid and has an [origin]; its SHA-256 is what the report is for.",
@@ -163,6 +164,8 @@ def _gps(survey: Survey) -> Check:
         return _check("gps", False, "silent", wanted, "is a GPS fitted? Else --waive gps")
     fix, satellites = told["fix_type"], told["satellites_visible"]
     name = FIXES[fix] if fix < len(FIXES) else f"fix {fix}"
+    if satellites == UNKNOWN_SATELLITES:
+        return _check("gps", False, f"{name}, satellites not counted", wanted, "does the receiver tell? --waive gps")
     good = fix >= FIX_MIN and satellites >= SATELLITES_MIN
     return _check("gps", good, f"{name}, {satellites} satellites", wanted, "wait, or move away from the trees")
 

@@ -94,6 +94,7 @@ def test_fit_vehicle_passes(make: Make) -> None:
         (ARDUPILOT, {"HEARTBEAT": {"system_status": 1}}, {}),
         (PX4, {"GPS_RAW_INT": {"fix_type": 2}}, {"gps": "fail"}),
         (PX4, {"GPS_RAW_INT": {"satellites_visible": 5}}, {"gps": "fail"}),
+        (PX4, {"GPS_RAW_INT": {"satellites_visible": 255}}, {"gps": "fail"}),  # not known
         (PX4, {"GPS_RAW_INT": {"fix_type": 99}}, {}),
         (PX4, {"SYS_STATUS": {"battery_remaining": 49}}, {"battery": "fail"}),
         (PX4, {"SYS_STATUS": {"battery_remaining": 50}}, {}),
