@@ -133,7 +133,7 @@ class Codec:
         return Position(self._pos_ned_m, velocity, m.time_boot_ms / 1e3)
 
     def _note_boot_time(self, boot_ms: int) -> None:
-        """Where it went back, and stays there, the autopilot has started again: its frame and home are unknown."""
+        """Forget frame and home when the autopilot has started again: its time is far behind, and stays there."""
         if boot_ms > self._boot_ms - REBOOT_MS:
             self._boot_ms, self._earlier_count = boot_ms, 0
             return

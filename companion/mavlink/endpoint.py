@@ -34,14 +34,7 @@ from companion.mavlink.peers.guard import Guard, OpenGuard
 from companion.mavlink.peers.peers_link import PeersLink
 from companion.mavlink.sensor_inputs import SHARED, SensorInputs
 from companion.mavlink.sensor_source import SensorSource
-from companion.mavlink.streams import (
-    FRAME_MESSAGES,
-    STREAMS_HZ,
-    StreamRequests,
-    fastest_hz,
-    receiver_hz,
-    reception_counts,
-)
+from companion.mavlink.streams import FRAME_MESSAGES, STREAMS_HZ, StreamRequests, receiver_hz, reception_counts
 from mission.common.frames import LocalFrame, enu_to_ned
 from mission.document.model import Mission
 
@@ -125,8 +118,8 @@ class Endpoint:
         self.payload: Final = None if payload is None else GuardedPayload(payload)
         self.records: Final = records
         reception, fix_hz = reception_counts(mission, vehicle_id), receiver_hz(mission, vehicle_id)
-        sensors_hz = fastest_hz(fix_hz, self.sensors.autopilot_hz)
-        self._requests = StreamRequests(self.codec, sensors_hz, self.report_surroundings, reception=reception)
+        needed_hz = fix_hz, self.sensors.autopilot_hz
+        self._requests = StreamRequests(self.codec, needed_hz, self.report_surroundings, reception=reception)
         wanted = FROM_AUTOPILOT | self.sensors.forwarded | frozenset(self.sensors.autopilot_hz)
         wanted |= RECEPTION if reception else frozenset(fix_hz)
         self.autopilot = Framing(wanted, is_stream=autopilot_is_stream)

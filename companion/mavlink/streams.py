@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -70,11 +70,11 @@ class StreamRequests:
     """
 
     def __init__(
-        self, codec: Codec, sensors_hz: Mapping[int, float], tell: Callable[[Say], None], *, reception: bool
+        self, codec: Codec, needed_hz: Iterable[Mapping[int, float]], tell: Callable[[Say], None], *, reception: bool
     ) -> None:
-        """`tell`: takes a word for the operator."""
+        """`needed_hz`: what is needed beside what all need; `tell`: takes a word for the operator."""
         self._codec: Final = codec
-        self._sensors_hz: Final = sensors_hz
+        self._sensors_hz: Final = fastest_hz(*needed_hz)
         self._tell: Final = tell
         self._reception: Final = reception
         self._asked_s: float | None = None
