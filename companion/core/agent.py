@@ -222,11 +222,10 @@ class Agent:
         neighbours, silent, nearest_m = picture.neighbours, picture.silent, self.perception.nearest_m
         has_room = lands and self._landing_room.is_clear(neighbours, silent, nearest_m(picture.own), now_s)
         findings += swarm.findings(picture, clear_below=has_room)
-        if flight.state is FlightState.TAKING_OFF:
-            flight.clear_above = self._climb_room.is_clear(neighbours, silent, now_s)
-        may_join, allowed, not_localised = swarm.may_join(), swarm.operator.may_take_off, picture.not_localised
+        clear = flight.state is not FlightState.TAKING_OFF or self._climb_room.is_clear(neighbours, silent, now_s)
+        joins, allowed, why = swarm.may_join(), swarm.operator.may_take_off, picture.not_localised
         requests = flight.update_flight(
-            phase, now_s, findings=findings, may_join=may_join, may_take_off=allowed, not_localised=not_localised
+            phase, now_s, findings=findings, may_join=joins, may_take_off=allowed, clear_above=clear, not_localised=why
         )
         return Orders(
             leader=leader,

@@ -54,10 +54,8 @@ class Flight:
         self._holds = HoldReports()
         self._steering_since_s: float | None = None  # since when setpoints have been streaming
         self._climb = Climb(self.vehicle, self._modes, takeoff_altitude_m)
-        self._may_take_off = False
-        self.clear_above = True  # nobody hovers in the way of its climb, when it takes off
-        self._waiting = Waiting()
-        self._late_said = False
+        self._may_take_off, self._clear_above = False, True
+        self._waiting, self._late_said = Waiting(), False
         self._said: list[Say] = []
         self._now_s = 0.0  # of this tick
 
@@ -136,13 +134,16 @@ class Flight:
         findings: Sequence[Finding],
         may_join: bool,
         may_take_off: bool,
+        clear_above: bool = True,
         not_localised: str = "",
     ) -> list[Ask | Say]:
         """Advance. `findings`: all that is found now, its own among them; `may_join`: a leader is known and flies.
 
-        `may_take_off`: by the operator's order; `not_localised`: why its position among the others is not known.
+        `may_take_off`: by the operator's order; `clear_above`: nobody hovers in the way of its climb, where it takes
+        off; `not_localised`: why its position among the others is not known.
         """
-        self._not_localised, self._now_s, self._may_take_off = not_localised, now_s, may_take_off
+        self._not_localised, self._now_s = not_localised, now_s
+        self._may_take_off, self._clear_above = may_take_off, clear_above
         asks: list[Ask | Say] = []
         self._mind_silence(now_s)
         self._mind_lateness()
@@ -159,9 +160,8 @@ class Flight:
                 self._steering_since_s = None
             case _:
                 asks += self._steer_vehicle(phase, now_s, findings)
-        asks += [*self._said, *self._requests.says(now_s)]
-        self._said = []
-        return asks
+        said, self._said = self._said, []
+        return [*asks, *said, *self._requests.says(now_s)]
 
     @property
     def steers(self) -> bool:
@@ -251,7 +251,7 @@ class Flight:
             if not self._may_begin(phase, now_s, findings):  # as it is asked for again, for as long as it is refused
                 self._move(FlightEvent.CHECKS_FAIL)
                 return []
-            if not self.clear_above and not self.vehicle.armed:
+            if not self._clear_above and not self.vehicle.armed:
                 return self._report_wait("a vehicle above", now_s)
             self._waiting.clear()
         return self._next_step(how, now_s)

@@ -58,6 +58,7 @@ class Bench:
     hold: bool = False
     may_join: bool = False
     may_take_off: bool = True
+    clear_above: bool = True
     speed_mps: float = 0.0
     asked: list[Ask] = field(default_factory=list)
     said: list[Say] = field(default_factory=list)
@@ -74,7 +75,12 @@ class Bench:
             found = self.flight.vehicle.findings(self.now_s)
             found += [Finding(Cause.LAND_ALL)] * self.land_now + [Finding(Cause.NO_LEADER)] * self.hold
             out = self.flight.update_flight(
-                self.phase, self.now_s, findings=found, may_join=self.may_join, may_take_off=self.may_take_off
+                self.phase,
+                self.now_s,
+                findings=found,
+                may_join=self.may_join,
+                may_take_off=self.may_take_off,
+                clear_above=self.clear_above,
             )
             self.asked += [a for a in out if isinstance(a, Ask)]
             self.said += [a for a in out if isinstance(a, Say)]

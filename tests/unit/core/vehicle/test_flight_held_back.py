@@ -62,16 +62,14 @@ def test_climb_that_has_been_asked_for_is_not_held_back() -> None:
 
 def test_one_under_another_waits_before_it_arms_and_says_so() -> None:
     bench = ready()
-    bench.flight.clear_above = False
-    bench.seconds(WAIT_SAID_S + 1.0, phase=P.GATHER)
+    bench.seconds(WAIT_SAID_S + 1.0, phase=P.GATHER, clear_above=False)
     assert bench.asked == []
     assert bench.texts == ["taking off to 8.0 m", "waiting: a vehicle above"]
     assert bench.flight.waits_for == "a vehicle above"
-    bench.flight.clear_above = True
-    assert bench.tick().requests == [Request.ARM]
+    assert bench.tick(clear_above=True).requests == [Request.ARM]
     assert bench.flight.waits_for == ""
-    bench.flight.clear_above = False  # armed: no time is left for that
-    assert bench.seconds(2 * RETRY_S, armed=True).requests == [Request.TAKEOFF]
+    # Armed: no time is left for that
+    assert bench.seconds(2 * RETRY_S, armed=True, clear_above=False).requests == [Request.TAKEOFF]
 
 
 def test_landing_ends_no_sooner_than_the_arming_that_was_asked_for_would_show() -> None:
