@@ -35,6 +35,8 @@ __all__ = [
 ]
 
 MAX_FILE_BYTES = 64 * 1024
+# A line of a key file (`companion key`), also of one that was cut off
+_SECRET = re.compile(r"""^[ \t]*(seed|[0-9]+)[ \t]*=[ \t]*["'][0-9A-Fa-f]{16}""", re.MULTILINE)
 OF_STUDIES = ("missions", "localise")  # keys that each study has one of
 STEM_SUFFIXES = (".csv", ".geojson", ".json", ".gpkg")
 MANY = 50  # tables of an array: more are written on a line each, or 700 trees would not fit into a file
@@ -106,6 +108,8 @@ def parse_mission(text: str, place: str = "mission") -> Mission:
 
 
 def _parse(text: str, place: str, folder: str | None = None) -> Document:
+    if _SECRET.search(text) is not None:  # before anything of it may be shown
+        raise refused(place, None, "is a key file, and no mission: nothing of it is shown")
     try:
         lines = locate(text)
     except TooMuchError as error:

@@ -169,9 +169,9 @@ class SwarmReports:
         return f"lane {stop // 2 + 1} of {self._lanes}"
 
     def _others_than(self, done: int) -> str:
-        """The vehicles of the swarm that are not in `done`, as a list in words."""
-        everyone = (1 << self._size) - 1
-        return list_vehicles(ids(everyone & ~done))
+        """The other vehicles of the swarm that are not in `done`, as a list in words."""
+        others = ((1 << self._size) - 1) & ~(1 << (self._me - 1))
+        return list_vehicles(ids(others & ~done))
 
     def _add(self, severity: Severity, text: str) -> None:
         self._reports.append(Say(severity, text))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from companion.core.model.states import SwarmPhase
 from companion.core.swarm.reports import LASTS_S, LAYER_SAID_S, WAIT_SAID_S, SwarmReports
 from tests.unit.core.core_kit import mission
 
@@ -43,6 +44,15 @@ def test_one_whose_link_comes_and_goes_is_named_once() -> None:
     assert said(*[(2.0, [4]), (5.0, [])] * 10) == once
     assert said((2.0, [4]), (WAIT_SAID_S + 1.0, []), (2.0, [4]), (2.0, [])) == once * 2
     assert said((2.0, [4]), (5.0, []), (LASTS_S + 1.0, [4])) == [*once, once[0]]  # it does not come again
+
+
+def test_a_leader_never_says_that_the_swarm_goes_on_without_itself() -> None:
+    """It may not be where all gather yet when a majority is, and the time is up."""
+    reports = SwarmReports(mission(swarm={"size": 3}), 1)
+    reports.report_phase(SwarmPhase.TRANSIT, SwarmPhase.GATHER, 0, done=0b010)
+    assert [say.text for say in reports.take_all()][1:] == ["swarm goes on without 3"]
+    reports.report_phase(SwarmPhase.TRANSIT, SwarmPhase.GATHER, 0, done=0b110)
+    assert len(reports.take_all()) == 1
 
 
 def said_of_layers(*layers: tuple[float, float | None], is_steered: bool = True) -> list[str]:

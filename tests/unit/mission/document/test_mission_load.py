@@ -321,3 +321,17 @@ def test_a_study_in_the_place_of_a_mission_is_told_so(tmp_path: Path, keys: str)
     file.write_text(f"schema = 1\n{keys}[route]\n", encoding="utf-8")  # a mission, with a key that is none of its own
     with pytest.raises(MissionError, match="unknown key"):
         load_mission(file)
+
+
+@pytest.mark.parametrize("end", [None, 90, 60])
+def test_of_a_key_file_in_the_place_of_a_mission_nothing_is_shown(tmp_path: Path, end: int | None) -> None:
+    """As when --key and --mission are swapped; also of one that was cut off in its first secret."""
+    seed, secret = "5c" * 32, "a7" * 32
+    key = f'format = 1\nowner = 3\nseed = "{seed}"  # private\n\n[secrets]\n0 = "{secret}"\n'
+    path = tmp_path / "vehicle-3.key"
+    path.write_text(key[:end])
+    with pytest.raises(MissionError) as refused:
+        load_mission(path)
+    assert "is a key file, and no mission" in str(refused.value)
+    assert "5c5c" not in str(refused.value)
+    assert "a7a7" not in str(refused.value)
