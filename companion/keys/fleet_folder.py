@@ -1,7 +1,8 @@
 """The operator's folder of a fleet: its own key file and each vehicle's, made and rewritten so that a power cut at any
 write leaves the files before or those after, and the same command, run again, goes on to the end.
 
-The operator's file is written first and says what all are to be: files that differ from it are of an interrupted step.
+The operator's file is written first and says what all are to be: files that differ from it are of an interrupted step,
+if it is newer than they are. One that is older, or has lost a vehicle, is refused.
 """
 
 from __future__ import annotations
@@ -10,14 +11,22 @@ import fcntl
 import os
 import re
 import stat
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Set
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from companion.keys.crypto import public_key
-from companion.keys.key_file import PLACE_CHARS, KeyFileError, load_keyring, owner_name, render_keyring
+from companion.keys.key_file import (
+    PLACE_CHARS,
+    DamagedKeyError,
+    KeyFileError,
+    load_keyring,
+    owner_name,
+    render_keyring,
+)
 from companion.keys.keyring import OPERATOR, SECRET_BYTES, Keyring
+from companion.keys.rotation import is_newer, is_revocation
 from mission.common.durable_files import replace_file, sync_folder
 from mission.common.problems import printable
 
@@ -83,7 +92,7 @@ def change_fleet(
     """Rewrites all files: `change` makes the operator's new keyring of the one that is there.
 
     After an interrupted change it does no more than complete that one, and says so: True. The file of a vehicle that is
-    `leaving` may be missing. KeyFileError, OSError.
+    `leaving` may be missing or damaged. KeyFileError, OSError.
     """
     with _locked(folder) as folder_fd:
         fleet = _load_fleet(folder, leaving)
@@ -94,7 +103,7 @@ def change_fleet(
             os.fsync(folder_fd)  # before the others: after a power cut they must not be ahead of it
         for vehicle in fleet.operator.vehicles.keys() & fleet.seeds.keys():
             _write(folder, fleet.keyring_of(vehicle))
-        for vehicle in fleet.seeds.keys() - fleet.operator.vehicles.keys():
+        for vehicle in set(_vehicles_in(folder)) - fleet.operator.vehicles.keys():
             os.unlink(folder / file_name(vehicle))
         os.fsync(folder_fd)
     return fleet, was_interrupted
@@ -103,13 +112,16 @@ def change_fleet(
 def _load_fleet(folder: Path, leaving: int | None) -> Fleet:
     """All files of the folder, which must be of one fleet. KeyFileError."""
     operator = load_keyring(folder / OPERATOR_FILE, OPERATOR)
-    found = {vehicle: load_keyring(folder / file_name(vehicle), vehicle) for vehicle in _vehicles_in(folder)}
+    found = _load_vehicles(folder, leaving)
     for vehicle, keyring in found.items():
         known = operator.vehicles.get(vehicle, keyring.vehicles[vehicle])
         if (keyring.operator, keyring.vehicles[vehicle]) != (operator.operator, known):
             raise KeyFileError(
                 f"{_place(folder, vehicle)}: is of another fleet than {OPERATOR_FILE}: take it out of the folder"
             )
+    operator = _with_leaving(operator, found, leaving)
+    for keyring in found.values():
+        _check_newer(folder, operator, keyring, found.keys() - {leaving})
     for vehicle in operator.vehicles.keys() - found.keys() - {leaving}:
         raise KeyFileError(
             f"{_place(folder, vehicle)}: is missing: without {owner_name(vehicle)}'s private key its file cannot be "
@@ -118,10 +130,71 @@ def _load_fleet(folder: Path, leaving: int | None) -> Fleet:
     fleet = Fleet(operator, {vehicle: keyring.seed for vehicle, keyring in found.items()}, frozenset())
     stale = {
         vehicle
-        for vehicle, keyring in found.items()
-        if vehicle not in operator.vehicles or keyring != fleet.keyring_of(vehicle)
+        for vehicle in _vehicles_in(folder)
+        if vehicle not in operator.vehicles or (vehicle in found and found[vehicle] != fleet.keyring_of(vehicle))
     }
     return replace(fleet, stale=frozenset(stale))
+
+
+def _load_vehicles(folder: Path, leaving: int | None) -> dict[int, Keyring]:
+    """By vehicle; without the one that is `leaving`, if its file is damaged. KeyFileError."""
+    found = {}
+    for vehicle in _vehicles_in(folder):
+        try:
+            found[vehicle] = load_keyring(folder / file_name(vehicle), vehicle)
+        except DamagedKeyError as error:
+            if vehicle != leaving:
+                raise KeyFileError(
+                    f"{error}. Put it back (the vehicle has its own), or take vehicle {vehicle} out of the fleet: "
+                    f"{_revoke_words(folder, vehicle)}"
+                ) from None
+    return found
+
+
+def _with_leaving(operator: Keyring, found: Mapping[int, Keyring], leaving: int | None) -> Keyring:
+    """The operator's keyring; a vehicle that its file has lost is put back if it is `leaving`: to be revoked."""
+    if leaving is None or leaving in operator.vehicles:
+        return operator
+    for keyring in found.values():
+        if leaving in keyring.vehicles and _has_same_secrets(operator, keyring):
+            return replace(operator, vehicles={**operator.vehicles, leaving: keyring.vehicles[leaving]})
+    return operator
+
+
+def _check_newer(folder: Path, operator: Keyring, keyring: Keyring, kept: Set[int]) -> None:
+    """Refuses an operator's file that is older than this vehicle's `keyring`, or has lost a vehicle that it has.
+
+    `kept`: vehicles that nobody asks to revoke; only an interrupted revocation may delete their files. KeyFileError.
+    """
+    gone = sorted(keyring.vehicles.keys() - operator.vehicles.keys())
+    is_same = _has_same_secrets(operator, keyring)
+    place, other = _place(folder, OPERATOR), file_name(keyring.owner)
+    if not is_same and not is_newer(operator, keyring):
+        raise KeyFileError(
+            f"{place}: is older than {other}, or of another copy of the folder: {_epochs(operator)} in it, "
+            f"{_epochs(keyring)} in {other}. Put back the {OPERATOR_FILE} that was made with {other}"
+        )
+    # A revocation always brings a secret that the files before it have not
+    lost = gone if is_same else [] if is_revocation(operator, keyring) else [one for one in gone if one in kept]
+    if lost:
+        raise KeyFileError(
+            f"{place}: vehicles.{lost[0]}: is missing, and {other} has it: vehicle {lost[0]}'s private key would be "
+            f"deleted. Put back the {OPERATOR_FILE} that has it, or take the vehicle out of the fleet: "
+            f"{_revoke_words(folder, lost[0])}"
+        )
+
+
+def _has_same_secrets(one: Keyring, other: Keyring) -> bool:
+    return (one.secrets, one.active) == (other.secrets, other.active)
+
+
+def _epochs(keyring: Keyring) -> str:
+    names = (f"{epoch} (active)" if epoch == keyring.active else str(epoch) for epoch in sorted(keyring.secrets))
+    return f"epoch {' and '.join(names)}"
+
+
+def _revoke_words(folder: Path, vehicle: int) -> str:
+    return f"companion key revoke {printable(str(folder), PLACE_CHARS)} {vehicle}"
 
 
 def _vehicles_in(folder: Path) -> list[int]:

@@ -40,6 +40,10 @@ class KeyFileError(Exception):
     """A key file, or a fleet's folder of them, is refused: which, where in it, why."""
 
 
+class DamagedKeyError(KeyFileError):
+    """A key file is refused for its text: cut off, overwritten, or edited."""
+
+
 def owner_name(owner: int) -> str:
     """Vehicle 3; the operator."""
     return "the operator" if owner == OPERATOR else f"vehicle {owner}"
@@ -51,8 +55,11 @@ def load_keyring(path: str | os.PathLike[str], owner: int | None) -> Keyring:
     try:
         text = _read_private(path, place).decode()
     except UnicodeDecodeError as error:
-        raise KeyFileError(f"{place}: is not UTF-8 text at byte {error.start}") from None
-    keyring = parse_keyring(text, place)
+        raise DamagedKeyError(f"{place}: is not UTF-8 text at byte {error.start}") from None
+    try:
+        keyring = parse_keyring(text, place)
+    except KeyFileError as error:
+        raise DamagedKeyError(str(error)) from None
     if owner is not None and keyring.owner != owner:
         raise KeyFileError(f"{place}: owner: is {owner_name(keyring.owner)}: must be {owner_name(owner)}")
     return keyring

@@ -64,6 +64,38 @@ def revoke(keyring: Keyring, vehicle: int, fresh: bytes) -> Keyring:
     return replace(_offer(keyring, fresh), vehicles=vehicles)
 
 
+def is_newer(keyring: Keyring, other: Keyring) -> bool:
+    """True if `keyring` comes of `other`, of the same fleet, by steps and revocations.
+
+    Vehicles only ever go. Between two that go the newest epoch counts up, and with the same one the steps do. What one
+    step or revocation makes is always newer; of more, False where the epochs do not tell.
+    """
+    if not keyring.vehicles.keys() <= other.vehicles.keys():
+        return False
+    ahead = (newest(keyring) - newest(other)) % EPOCHS
+    if ahead:
+        return ahead < EPOCHS // 2 or is_revocation(keyring, other)
+    same_secret = keyring.secrets[newest(keyring)] == other.secrets[newest(other)]
+    return same_secret and _step_number(keyring) > _step_number(other)
+
+
+def is_revocation(keyring: Keyring, other: Keyring) -> bool:
+    """True if `keyring` is what `revoke` makes of `other`, of which one vehicle is gone."""
+    gone = other.vehicles.keys() - keyring.vehicles.keys()
+    if len(gone) != 1:
+        return False
+    fresh = keyring.secrets[newest(keyring)]
+    made = revoke(other, next(iter(gone)), fresh)
+    return fresh not in other.secrets.values() and (
+        (made.secrets, made.active, made.vehicles) == (keyring.secrets, keyring.active, keyring.vehicles)
+    )
+
+
+def _step_number(keyring: Keyring) -> int:
+    """Of the rotation to its newest epoch, 1 to 3: at rest it is finished."""
+    return step_of(keyring).value or 3
+
+
 def _keep_only(keyring: Keyring, epoch: int) -> Keyring:
     return replace(keyring, secrets={epoch: keyring.secrets[epoch]})
 

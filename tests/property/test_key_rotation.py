@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from companion.keys.key_file import parse_keyring, render_keyring
 from companion.keys.keyring import OPERATOR, Keyring
-from companion.keys.rotation import Step, advance, finish, newest, revoke, step_of
+from companion.keys.rotation import Step, advance, finish, is_newer, newest, revoke, step_of
 from tests.unit.keys.keys_kit import operator_of, random_bytes, vehicle_of
 
 SIZE = 4
@@ -143,6 +143,19 @@ def test_finish_at_once_leaves_one_secret_that_no_revoked_vehicle_has(first_epoc
     assert field.accepted_of_revoked() == []
     assert field.lost() == []
     assert (field.folder.secrets == was.secrets) is False
+
+
+@given(first_epoch=st.integers(0, 255), played=actions)
+def test_what_a_step_makes_is_newer_and_what_it_was_made_of_is_not(first_epoch, played):
+    field = Field(first_epoch)
+    for action in played:
+        was = field.folder
+        play(field, action)
+        ended = finish(field.folder, field.fresh())
+        for later, earlier in ((field.folder, was), (ended, field.folder)):
+            assert is_newer(later, earlier) is (later != earlier)
+            assert not is_newer(earlier, later)
+        assert not is_newer(was, ended)
 
 
 @given(first_epoch=st.integers(0, 255))

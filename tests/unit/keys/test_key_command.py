@@ -155,6 +155,161 @@ def test_interrupted_step_is_completed_and_what_was_asked_besides_is_not_done(
     assert step_in(fleet) is Step.REST
 
 
+def files_in(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def put(path: Path, data: bytes) -> None:
+    path.write_bytes(data)
+    path.chmod(0o600)
+
+
+def lose_last_vehicle(folder: Path) -> None:
+    """As `head -n -1` does."""
+    put(folder / "operator.key", b"".join((folder / "operator.key").read_bytes().splitlines(keepends=True)[:-1]))
+
+
+@pytest.mark.parametrize("runs", [1, 2, 3, 4, 6])
+def test_older_operator_file_rolls_no_rotation_back(runs: int, fleet: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    old = [(fleet / "operator.key").read_bytes()]
+    for _ in range(runs):
+        said(capsys, fleet, "rotate", "fleet")
+        old.append((fleet / "operator.key").read_bytes())
+    for data in old[:-1]:
+        put(fleet / "operator.key", data)
+        before = files_in(fleet)
+        for words in (("rotate", "fleet"), ("rotate", "fleet", "--finish"), ("revoke", "fleet", "2")):
+            told = said(capsys, fleet, *words, code=2)
+            assert told.startswith("companion: fleet/operator.key: is older than vehicle-1.key")
+            assert "epoch 0" in told or runs > 3
+            assert files_in(fleet) == before
+    put(fleet / "operator.key", old[0])
+    lose_last_vehicle(fleet)
+    before = files_in(fleet)
+    assert "is older than" in said(capsys, fleet, "revoke", "fleet", "3", code=2)
+    assert files_in(fleet) == before
+    put(fleet / "operator.key", old[-1])
+    said(capsys, fleet, "rotate", "fleet")
+    put(fleet / "operator.key", old[0])
+    assert "epoch 0 (active) in it" in said(capsys, fleet, "rotate", "fleet", code=2)
+
+
+@pytest.mark.parametrize("runs", [0, 1, 2])
+def test_older_operator_file_brings_no_revoked_vehicle_back(
+    runs: int, fleet: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    old, lost = (fleet / "operator.key").read_bytes(), (fleet / "vehicle-2.key").read_bytes()
+    said(capsys, fleet, "revoke", "fleet", "2")
+    for _ in range(runs):
+        said(capsys, fleet, "rotate", "fleet")
+    put(fleet / "operator.key", old)
+    for _ in range(2):
+        before = files_in(fleet)
+        for words in (("rotate", "fleet"), ("revoke", "fleet", "2"), ("revoke", "fleet", "3")):
+            assert "operator.key: is older than vehicle-1.key" in said(capsys, fleet, *words, code=2)
+            assert files_in(fleet) == before
+        put(fleet / "vehicle-2.key", lost)  # from the same copy
+
+
+def test_operator_file_of_another_copy_of_the_folder_is_refused(
+    fleet: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = files_in(fleet)
+    said(capsys, fleet, "rotate", "fleet")
+    other = (fleet / "operator.key").read_bytes()
+    for name, data in before.items():
+        put(fleet / name, data)
+    for _ in range(2):
+        said(capsys, fleet, "rotate", "fleet")
+        mine = (fleet / "operator.key").read_bytes()
+        put(fleet / "operator.key", other)
+        assert "or of another copy of the folder" in said(capsys, fleet, "rotate", "fleet", code=2)
+        put(fleet / "operator.key", mine)
+
+
+@pytest.mark.parametrize("runs", [0, 1, 2, 3])
+def test_operator_file_that_lost_a_vehicle_deletes_no_key_unless_it_is_revoked_by_name(
+    runs: int, fleet: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for _ in range(runs):
+        said(capsys, fleet, "rotate", "fleet")
+    lose_last_vehicle(fleet)
+    before = files_in(fleet)
+    for words in (("rotate", "fleet"), ("rotate", "fleet", "--finish"), ("revoke", "fleet", "2")):
+        told = said(capsys, fleet, *words, code=2)
+        assert told.startswith("companion: fleet/operator.key: vehicles.3: is missing, and vehicle-1.key has it")
+        assert "companion key revoke fleet 3" in told
+        assert files_in(fleet) == before
+    secrets = set(load_keyring(fleet / "vehicle-3.key", 3).secrets.values())
+    assert "vehicle 3 is revoked" in said(capsys, fleet, "revoke", "fleet", "3")
+    assert sorted(files_in(fleet)) == ["operator.key", "vehicle-1.key", "vehicle-2.key"]
+    left = load_keyring(fleet / "vehicle-1.key", 1)
+    assert (sorted(left.vehicles), len(set(left.secrets.values()) - secrets)) == ([1, 2], 1)
+    assert "completed" not in said(capsys, fleet, "rotate", "fleet")
+
+
+@pytest.mark.parametrize("finish", [(), ("--finish",)])
+def test_operator_file_that_lost_a_vehicle_after_an_interrupted_step_deletes_no_key(
+    finish: tuple[str, ...], fleet: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = files_in(fleet)
+    said(capsys, fleet, "rotate", "fleet", *finish)
+    put(fleet / "vehicle-3.key", before["vehicle-3.key"])
+    lose_last_vehicle(fleet)
+    assert "vehicles.3: is missing" in said(capsys, fleet, "rotate", "fleet", code=2)
+    assert (fleet / "vehicle-3.key").read_bytes() == before["vehicle-3.key"]
+    put(fleet / "vehicle-1.key", before["vehicle-1.key"])
+    put(fleet / "vehicle-2.key", before["vehicle-2.key"])
+    if finish:  # a revocation does not end a rotation
+        assert "vehicles.3: is missing" in said(capsys, fleet, "rotate", "fleet", code=2)
+        assert "vehicle 3 is revoked" in said(capsys, fleet, "revoke", "fleet", "3")
+    else:  # by its files it is a revocation of vehicle 3 that was interrupted
+        assert "completed" in said(capsys, fleet, "rotate", "fleet")
+
+
+def test_interrupted_revocation_is_completed_by_either_command(fleet: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = files_in(fleet)
+    for words in (("rotate", "fleet"), ("revoke", "fleet", "2")):
+        said(capsys, fleet, "revoke", "fleet", "2")
+        after = files_in(fleet)
+        for name in ("vehicle-2.key", "vehicle-3.key"):
+            put(fleet / name, before[name])
+        said(capsys, fleet, *words)
+        assert files_in(fleet) == after
+        for name, data in before.items():
+            put(fleet / name, data)
+
+
+def test_vehicles_file_from_long_ago_is_written_anew(fleet: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    old = (fleet / "vehicle-1.key").read_bytes()
+    said(capsys, fleet, "revoke", "fleet", "2")
+    for _ in range(4):
+        said(capsys, fleet, "rotate", "fleet")
+    now = files_in(fleet)
+    put(fleet / "vehicle-1.key", old)
+    assert "completed" in said(capsys, fleet, "rotate", "fleet")
+    assert files_in(fleet) == now
+
+
+@pytest.mark.parametrize("data", [b"", b"# SECRET: who", b"format = ", b"\xff\xff", b"\0" * 400])
+def test_damaged_file_of_a_vehicle_that_is_revoked_is_deleted(
+    data: bytes, fleet: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    put(fleet / "vehicle-2.key", data)
+    for words in (("rotate", "fleet"), ("revoke", "fleet", "3")):
+        assert cli.main(["key", *words]) == 2
+        told = capsys.readouterr().err
+        assert told.startswith("companion: fleet/vehicle-2.key: ")
+        assert "take vehicle 2 out of the fleet: companion key revoke fleet 2" in told
+    assert cli.main(["key", "revoke", "fleet", "2"]) == 0
+    assert "vehicle 2 is revoked" in capsys.readouterr().out
+    assert sorted(files_in(fleet)) == ["operator.key", "vehicle-1.key", "vehicle-3.key"]
+    put(fleet / "vehicle-2.key", data)  # all but its end was done
+    assert cli.main(["key", "revoke", "fleet", "2"]) == 0
+    assert sorted(files_in(fleet)) == ["operator.key", "vehicle-1.key", "vehicle-3.key"]
+    assert "step 2 of 3" in said(capsys, fleet, "rotate", "fleet")
+
+
 def test_folder_that_is_none_and_a_file_that_is_refused_are_exit_code_2(
     fleet: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
