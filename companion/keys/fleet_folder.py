@@ -178,9 +178,9 @@ def _check_newer(folder: Path, operator: Keyring, keyring: Keyring, kept: Set[in
     lost = gone if is_same else [] if is_revocation(operator, keyring) else [one for one in gone if one in kept]
     if lost:
         raise KeyFileError(
-            f"{place}: vehicles.{lost[0]}: is missing, and {other} has it: vehicle {lost[0]}'s private key would be "
-            f"deleted. Put back the {OPERATOR_FILE} that has it, or take the vehicle out of the fleet: "
-            f"{_revoke_words(folder, lost[0])}"
+            f"{place}: vehicles.{lost[0]}: is missing, and {other} has it: vehicle {lost[0]} would be struck "
+            f"out, and its private key deleted. Put back the {OPERATOR_FILE} that has it, or take the vehicle "
+            f"out of the fleet: {_revoke_words(folder, lost[0])}"
         )
 
 

@@ -216,10 +216,11 @@ def test_operator_file_of_another_copy_of_the_folder_is_refused(
 ) -> None:
     before = files_in(fleet)
     said(capsys, fleet, "rotate", "fleet")
+    said(capsys, fleet, "rotate", "fleet")
     other = (fleet / "operator.key").read_bytes()
     for name, data in before.items():
         put(fleet / name, data)
-    for _ in range(2):
+    for _ in range(3):  # one step less than the other copy, as many, one more
         said(capsys, fleet, "rotate", "fleet")
         mine = (fleet / "operator.key").read_bytes()
         put(fleet / "operator.key", other)
@@ -265,6 +266,17 @@ def test_operator_file_that_lost_a_vehicle_after_an_interrupted_step_deletes_no_
         assert "vehicle 3 is revoked" in said(capsys, fleet, "revoke", "fleet", "3")
     else:  # by its files it is a revocation of vehicle 3 that was interrupted
         assert "completed" in said(capsys, fleet, "rotate", "fleet")
+
+
+def test_vehicle_whose_line_and_file_are_lost_is_struck_out_by_name_alone(
+    fleet: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lose_last_vehicle(fleet)
+    (fleet / "vehicle-3.key").unlink()
+    before = files_in(fleet)
+    assert "vehicles.3: is missing" in said(capsys, fleet, "rotate", "fleet", code=2)
+    assert files_in(fleet) == before
+    assert "vehicle 3 is revoked" in said(capsys, fleet, "revoke", "fleet", "3")
 
 
 def test_interrupted_revocation_is_completed_by_either_command(fleet: Path, capsys: pytest.CaptureFixture[str]) -> None:
