@@ -17,6 +17,7 @@ from mission.common.completion import add_print_completion
 from mission.common.exit_codes import EXIT_BAD_FILE as EXIT_BAD_FILE
 from mission.common.exit_codes import EXIT_DONE as EXIT_DONE
 from mission.common.exit_codes import EXIT_ENVIRONMENT as EXIT_ENVIRONMENT
+from mission.common.exit_codes import EXIT_INTERRUPTED
 from mission.common.problems import MissionError
 
 _ABOUT = """\
@@ -112,6 +113,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         code = _run(arguments)
         sys.stdout.flush()
+    except KeyboardInterrupt:
+        return EXIT_DONE if arguments.command == "edit" else EXIT_INTERRUPTED
     except MissionError as error:
         print(error, file=sys.stderr)
         return EXIT_BAD_FILE

@@ -13,6 +13,7 @@ import pytest
 
 import mission
 from mission import __version__
+from mission.cli import check, edit
 from mission.cli.main import build_parser, main
 from mission.common.compiled import STATE
 
@@ -194,6 +195,19 @@ def test_the_example_in_the_help_is_a_mission(tmp_path: Path, capsys: pytest.Cap
     assert main(["check", str(file)]) == 0
     said = capsys.readouterr().out.replace(str(file), "my.toml").strip()
     assert all(line.strip() in epilog for line in said.splitlines())
+
+
+@pytest.mark.parametrize(("words", "code"), [(["check", LONE_TREE], 130), (["edit", "new.toml"], 0)])
+def test_ctrl_c_ends_it_quietly(
+    words: list[str], code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object, **__: object) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(check, "run", interrupted)
+    monkeypatch.setattr(edit, "run", interrupted)
+    assert main(words) == code
+    assert capsys.readouterr() == ("", "")
 
 
 def test_a_reader_that_leaves_early_gets_no_traceback() -> None:
