@@ -7,6 +7,7 @@ import contextlib
 import gc
 import importlib
 import os
+import select
 import signal
 import sys
 from collections.abc import Collection, Iterator, Sequence
@@ -91,8 +92,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         code = MISSION_FAILED
         _print_error("interrupted")
+    left = _has_no_reader(sys.stdout)
     if not _flushed(sys.stdout):
-        _print_error("standard output cannot be written")
+        if not left:
+            _print_error("standard output cannot be written")
         code = ENVIRONMENT
     _flushed(sys.stderr)
     return code
@@ -118,6 +121,16 @@ def _flushed(stream: TextIO) -> bool:
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
         return False
     return True
+
+
+def _has_no_reader(stream: TextIO) -> bool:
+    """A pipe whose reader has ended, as `head` does: no error to tell of."""
+    try:
+        watched = select.poll()
+        watched.register(stream.fileno(), 0)  # errors are told unasked
+        return any(events & select.POLLERR for _, events in watched.poll(0))
+    except (OSError, ValueError):  # no file, or a closed one
+        return False
 
 
 def _print_error(text: object) -> None:
@@ -184,7 +197,8 @@ def _main(argv: Sequence[str] | None) -> int:
         _print_error(error)
         return USAGE
     except (AirframeError, OSError) as error:
-        _print_error(error)
+        if not (isinstance(error, BrokenPipeError) and _has_no_reader(sys.stdout)):
+            _print_error(error)
         return ENVIRONMENT
     return code
 

@@ -42,6 +42,8 @@ def key(arguments: argparse.Namespace) -> int:
     except KeyFileError as error:
         print(f"companion: {error}", file=sys.stderr)
         return EXIT_BAD_FILE
+    except BrokenPipeError:  # of standard output alone, once all files are written: the program's to end by
+        raise
     except OSError as error:
         where = printable(str(error.filename or getattr(arguments, "folder", "output")), PLACE_CHARS)
         print(f"companion: {where}: {os.strerror(error.errno or 0)}", file=sys.stderr)

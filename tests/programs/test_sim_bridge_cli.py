@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import os
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -82,3 +85,26 @@ def test_a_missing_library_is_named_with_what_to_install(
     monkeypatch.setitem(sys.modules, module, None)
     assert cli.main(["serve", "mission.toml"]) == cli.ENVIRONMENT
     assert f"{module} is not installed: in the checkout, pip install -e '.[sim]'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("how", [[], ["-u"]])  # -u: each line is written at once
+@pytest.mark.parametrize(
+    ("reader", "said"),
+    [("pipe", ""), ("/dev/full", "sim-bridge: [Errno 28] No space left on device\n")],
+)
+def test_a_reader_that_leaves_early_is_no_error_to_tell_of(
+    reader: str, said: str, how: list[str], tmp_path: Path
+) -> None:
+    row = {"key": "a", "run": "r", "law": "ours", "backend": "point_mass", "n": 1, "seed": 1, "settings": {}}
+    (tmp_path / "rows.jsonl").write_text(json.dumps(row | {"status": "failed", "error": "none"}) + "\n")
+    if reader == "pipe":
+        ours, theirs = os.pipe()
+        os.close(ours)
+    else:
+        theirs = os.open(reader, os.O_WRONLY)
+    process = [sys.executable, *how, "-m", "sim_bridge.cli", "report", str(tmp_path)]
+    try:
+        done = subprocess.run(process, stdout=theirs, stderr=subprocess.PIPE, text=True, check=False)
+    finally:
+        os.close(theirs)
+    assert (done.returncode, done.stderr) == (3, said)

@@ -383,3 +383,18 @@ def test_passphrase_overwrites_no_file(fleet: Path, capsys: pytest.CaptureFixtur
     told = said(capsys, fleet, "autopilot", "fleet/vehicle-3.key", "--out", "fleet/vehicle-3.key", code=2)
     assert told == "companion: fleet/vehicle-3.key: is there already: it is never overwritten\n"
     assert (fleet / "vehicle-3.key").read_bytes() == before
+
+
+@pytest.mark.parametrize("how", [[], ["-u"]])  # -u: each line is written at once
+def test_a_reader_that_leaves_early_costs_no_key(how: list[str], fleet: Path) -> None:
+    ours, theirs = os.pipe()
+    os.close(ours)
+    process = [sys.executable, *how, "-m", "companion", "key", "revoke", "fleet", "3"]
+    try:
+        done = subprocess.run(process, stdout=theirs, stderr=subprocess.PIPE, text=True, check=False)
+    finally:
+        os.close(theirs)
+    assert (done.returncode, done.stderr) == (3, "")
+    assert not (fleet / file_name(3)).exists()
+    _, was_interrupted = change_fleet(fleet, lambda operator: operator)
+    assert not was_interrupted
