@@ -335,9 +335,13 @@ def test_a_campaign_goes_on_where_it_ended_and_keeps_missions(
     assert {(row["version"], row["attacker"]) for row in rows} == {(drawing.VERSION, "")}
     assert (tmp_path / "report.html").is_file()
     assert (tmp_path / "summary.md").read_text().startswith("| flights |")
+    with (tmp_path / "rows.jsonl").open("ab") as file:
+        file.write(b'{"key": "')  # as an interruption leaves it
     monkeypatch.setattr(flight, "fly_to_row", None)  # nothing is flown again
     assert cli.main([*command, "--flights", "2", "--json"]) == 1
-    told = json.loads(capsys.readouterr().out)
+    shown = capsys.readouterr()
+    assert "rows.jsonl: the last row was cut off" in shown.err
+    told = json.loads(shown.out)
     assert [row["seed"] for row in told] == [7, 8]
     assert [row["sim_time_s"] for row in told] == [row["sim_time_s"] for row in rows]
     monkeypatch.setattr(shrink, "fly_to_row", lambda *_, **__: {"grade": "ARRIVED", "causes": []})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
 from pathlib import Path
@@ -202,6 +203,23 @@ def test_program_says_which_runs_fly_by_wrong_estimates(tmp_path: Path, capsys: 
     told = capsys.readouterr().err.splitlines()[0]
     assert 'sim.estimates = "recorded"' in told
     assert told.endswith(": stack")
+
+
+def test_a_row_that_was_cut_off_is_told_and_flown_anew(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """And the costs beside the rows: a line that is joined to another is no JSON, and the plots could not be drawn."""
+    file, out = study_file(tmp_path, STUDY.replace("[2, 3]", "[1]")), tmp_path / "out"
+    command = ["study", str(file), "--out", str(out), "--workers", "1"]
+    assert cli.main(command) == 0
+    told = f"{out}/rows.jsonl: the last row was cut off, and is removed: its flight is flown anew if it is asked for"
+    assert "cut off" not in capsys.readouterr().err
+    rows = (out / "rows.jsonl").read_bytes()
+    for name in ("rows.jsonl", "costs.jsonl"):
+        (out / name).write_bytes((out / name).read_bytes()[:-20])
+
+    assert cli.main(command) == 0
+    assert capsys.readouterr().err.splitlines().count(told) == 1
+    assert (out / "rows.jsonl").read_bytes() == rows
+    assert len([json.loads(line) for line in (out / "costs.jsonl").read_text().splitlines()]) == 2
 
 
 def test_studies_that_come_along_say_what_their_estimates_are() -> None:

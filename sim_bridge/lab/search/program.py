@@ -78,6 +78,8 @@ def _campaign(args: argparse.Namespace, entrant: Entrant, folder: Path, errors: 
     found: dict[str, engine.Row] = {}
     with suppress(_TimeIsUp), ExitStack() as stack:
         rows = stack.enter_context(engine.Rows(folder / ROWS))
+        if rows.note:
+            errors.print(rows.note, soft_wrap=True, highlight=False, markup=False)
         fly = stack.enter_context(_workers(args, errors))
         plain = Signs(errors.file)
         total = args.flights if args.flights or args.hours else 20

@@ -34,18 +34,17 @@ class Rows:
     """rows.jsonl: a line for each flight, written as it ends. Use as a context manager."""
 
     def __init__(self, path: Path, *, retry: bool = False) -> None:
-        """Read what is there; cut off a last line that an interruption has left unfinished.
+        """Read what is there; remove a last line that an interruption has left unfinished: `note` says so, else "".
 
-        `retry`: forget the flights that failed. RowsError for a line that is no row.
+        `retry`: forget the flights that failed. RowsError for a line that is no row; nothing is removed then.
         """
-        text = path.read_bytes() if path.exists() else b""
-        whole = text[: text.rfind(b"\n") + 1]
-        self.rows = read_rows(whole, path)
+        self.rows = read_rows(path.read_bytes() if path.exists() else b"", path)
+        self.note = ""
+        if cut_unfinished(path):
+            self.note = f"{path}: the last row was cut off, and is removed: its flight is flown anew if it is asked for"
         if retry:
             self.rows = {key: row for key, row in self.rows.items() if row["status"] == "flown"}
-            whole = b"".join(_line(row) for row in self.rows.values())
-        if whole != text:
-            path.write_bytes(whole)
+            path.write_bytes(b"".join(_line(row) for row in self.rows.values()))
         self._file = path.open("ab")
 
     def __enter__(self) -> Rows:
@@ -61,6 +60,16 @@ class Rows:
         self.rows[row["key"]] = row
         self._file.write(_line(row))
         self._file.flush()
+
+
+def cut_unfinished(path: Path) -> bool:
+    """Removes a last line without an end, to which the next would be joined. False: there was none."""
+    text = path.read_bytes() if path.exists() else b""
+    whole_bytes = text.rfind(b"\n") + 1
+    if whole_bytes == len(text):
+        return False
+    os.truncate(path, whole_bytes)
+    return True
 
 
 def read_rows(text: bytes, path: Path) -> dict[str, Row]:

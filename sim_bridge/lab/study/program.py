@@ -111,6 +111,9 @@ def fly(
     """
     with ExitStack() as stack:
         rows = stack.enter_context(engine.Rows(folder / ROWS, retry=retry))
+        if rows.note:
+            console.print(rows.note, soft_wrap=True, highlight=False, markup=False)
+        engine.cut_unfinished(folder / COSTS)
         todo = [case for case in study.cases if case.key not in rows.rows]
         if todo:
             flies: engine.Fly
