@@ -39,17 +39,17 @@ def find_lacking_room(mission: Mission) -> str:
     lowest_over_m = min(up_m - about_m for up_m, about_m in over_m)
     highest_over_m = max(up_m + about_m for up_m, about_m in over_m)
     below_m = lowest_over_m - (mission.sensing.vehicle_radius_m if mission.sensing is not None else 0.0)
-    lefts = [
-        (below_m, "above the ground"),
-        (mission.fence.altitude_max_m + TOLERATED_M - highest_m, "below the fence's top"),
+    lefts = [  # with what may be flown beyond
+        (below_m, 0.0, "above the ground"),
+        (mission.fence.altitude_max_m + TOLERATED_M - highest_m, TOLERATED_M, "below the fence's top"),
     ]
     stand = mission.forest.stand
     if stand is not None and highest_over_m < lowest_crown_m(stand):
-        lefts.append((lowest_crown_m(stand) - highest_over_m, "below the lowest crowns"))
-    for left_m, where in lefts:
+        lefts.append((lowest_crown_m(stand) - highest_over_m, 0.0, "below the lowest crowns"))
+    for left_m, beyond_m, where in lefts:
         if left_m < room_m:
             return (
-                f"{left_m:.1f} m {where}: heights by a barometer, wrong by up to {HEIGHT_SD_M:g} m rms, want "
-                f"{room_m:.1f} m, or sim.range_finder"
+                f"{left_m - beyond_m:.1f} m {where}: heights by a barometer, wrong by up to {HEIGHT_SD_M:g} m rms, "
+                f"want {room_m - beyond_m:.1f} m, or sim.range_finder"
             )
     return ""

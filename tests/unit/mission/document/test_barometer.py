@@ -35,7 +35,7 @@ def test_the_height_is_as_wrong_as_the_bridge_makes_it() -> None:
     [
         (4.0, 7.0, ""),
         (3.5, 7.0, "3.5 m above the ground"),  # seed 20438: on the ground
-        (4.0, 6.3, "3.3 m below the fence's top"),  # seeds 20132 and others: above the top
+        (4.0, 6.3, "2.3 m below the fence's top"),  # seeds 20132 and others: above the top
         (10.0, 20.0, ""),
     ],
 )
@@ -63,7 +63,8 @@ def test_check_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
     file.write_text(dump_mission(level(4.0, 6.3)), encoding="utf-8")
 
     assert check.run([str(file)], as_json=False) == 0
-    assert "3.3 m below the fence's top: heights by a barometer" in capsys.readouterr().out
+    told = "2.3 m below the fence's top: heights by a barometer, wrong by up to 1.2 m rms, want 2.6 m, or"
+    assert told in capsys.readouterr().out  # 1 m above the fence is tolerated, which is no room below it
 
 
 @pytest.mark.parametrize(
