@@ -26,7 +26,7 @@ from companion.payload.recorder import payload_of
 from companion.preflight.computer import is_clock_set, now
 from companion.preflight.report import Clearance, clearance
 from companion.sensors.table import SENSORS, kinds_of, sensors_of
-from companion.shell.box.opening import box_folder, open_black_box, read_mission_file
+from companion.shell.box.opening import box_folder, file_in_the_way, open_black_box, read_mission_file
 from companion.shell.flight_log import ChangeLogger, FlightLog, summary
 from companion.shell.links import RECV_BYTES, Link, LinkError, open_link
 from companion.shell.radio_keys import NoKeyError, RadioKeys, choose_key, open_keys
@@ -287,10 +287,15 @@ def _returns(arguments: argparse.Namespace, mission: Mission, opened: ExitStack,
 def _black_box(
     arguments: argparse.Namespace, mission: Mission, cleared: Clearance, radio: RadioKeys
 ) -> BlackBox | None:
-    """A black box, where one is asked for, or the service has a place for it. No disk keeps a flight from starting."""
+    """A black box, where one is asked for, or the service has a place for it. No disk keeps a flight from starting.
+
+    A path that was given and can be no folder does: it is a slip, of which the flight would have no box.
+    """
     folder = box_folder(arguments.black_box)
     if folder is None:
         return None
+    if arguments.black_box is not None and (file := file_in_the_way(folder)) is not None:
+        raise RefusedError(EXIT_ENVIRONMENT, f"--black-box {printable(str(file), MAX_PLACE_CHARS)}: is not a folder")
     text, sha256 = read_mission_file(arguments.mission)
     urls: dict[str, Url] = arguments.sensors
     start = start_body(

@@ -78,6 +78,12 @@ def test_help_says_what_it_is_with_an_example() -> None:
         assert word in done.stdout
 
 
+@pytest.mark.parametrize("below", ["", "folder"])
+def test_a_black_box_where_a_file_is_is_refused(below: str, mission: Path) -> None:
+    done = _run(mission, **{"black-box": str(mission / below)})
+    assert (done.returncode, done.stderr.splitlines()[-1]) == (3, f"companion: --black-box {mission}: is not a folder")
+
+
 @pytest.mark.parametrize(
     ("name", "why"),
     [("obstacles", "has no [sensing] with sensor"), ("ranges", "has no [ranging]")],

@@ -24,6 +24,12 @@ def box_folder(given: str | None) -> Path | None:
     return None if state is None else Path(state) / FOLDER_NAME
 
 
+def file_in_the_way(folder: Path) -> Path | None:
+    """`folder`, or the nearest above it that is there, if that is not a folder. None where the disk cannot be asked."""
+    nearest = next((path for path in (folder, *folder.parents) if os.path.exists(path)), None)
+    return nearest if nearest is not None and not nearest.is_dir() else None
+
+
 def open_black_box(folder: Path, start: Json, *, beside_loop: bool) -> BlackBox:
     """`beside_loop`: written by a thread and synced, else while the loop waits, as in a simulation. Never fails."""
     files = files_of(folder, start, waits_for_disk=beside_loop)

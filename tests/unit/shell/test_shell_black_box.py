@@ -14,7 +14,7 @@ from companion.journal.recorder import files_of
 from companion.journal.replay import replay_flight
 from companion.journal.segments import SegmentFiles
 from companion.mavlink.endpoint import Endpoint
-from companion.shell.box.opening import box_folder, open_black_box, read_mission_file
+from companion.shell.box.opening import box_folder, file_in_the_way, open_black_box, read_mission_file
 from companion.shell.box.threaded_chunks import ThreadedChunks
 from companion.shell.service import STATE
 from tests.unit.journal.journal_kit import MISSION, START, fly_ticks, recorder_of
@@ -96,6 +96,14 @@ def test_it_is_kept_where_the_service_has_its_state(monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv(STATE, str(tmp_path))
     assert box_folder(None) == tmp_path / "black-box"
     assert box_folder("none") is None
+
+
+def test_a_file_that_is_in_the_way_is_told_from_a_folder_that_is_not_there_yet(tmp_path: Path) -> None:
+    file, unmounted = tmp_path / "file", tmp_path / "card"
+    file.touch()
+    unmounted.symlink_to(tmp_path / "gone")
+    assert [file_in_the_way(path) for path in (file, file / "a" / "b")] == [file, file]
+    assert not any(map(file_in_the_way, (tmp_path, tmp_path / "a" / "b", unmounted, unmounted / "a", Path("a"))))
 
 
 def test_the_missions_file_is_kept_as_it_is(tmp_path: Path) -> None:
