@@ -23,6 +23,7 @@ from companion.core.swarm.election import (
 )
 from companion.core.swarm.partition import NetworkPartition
 from companion.core.swarm.phases import Phases
+from companion.core.swarm.priorities import Resignation
 from companion.core.swarm.roster import DECIDES_AFTER_S, Roster
 from companion.core.swarm.swarm import Swarm
 from companion.core.swarm.trust.blocklist import FADES, Blocklist
@@ -207,6 +208,7 @@ GATE: dict[str, Keep] = {
     "_farthest_m": new(lambda _: 0.0),
 }
 PATIENCE: dict[str, Keep] = {"_since_s": new(lambda _: {}), "_over_s": new(lambda _: {})}  # of speed: decides nothing
+RESIGNATION: dict[str, Keep] = {"_at_s": _age(CLOSE_UP), "_is_low": AS_IT_IS}
 SWARM: dict[str, Keep] = {
     "launched": AS_IT_IS,
     "route": new(lambda _: None),  # found anew before it is asked for
@@ -244,6 +246,7 @@ CONSTANT: dict[type, Sequence[str]] = {
     FloodedOrders: (),
     Blocklist: ("_most",),
     Patience: (),
+    Resignation: (),
     LeadWatch: ("_apart_s", "_beacons", "_holds", "_limits_s", "_width_m"),
     PhaseGate: ("_me", "_heard_s", "_lane_ways_s", "_durations_s", "_at_end", "_back_m", "may_turn_back"),
     Trust: (
@@ -254,7 +257,6 @@ CONSTANT: dict[type, Sequence[str]] = {
         "gate",
         "_leads",
         "_patience",
-        "_range_m",
         "_fastest_mps",
         "_least_range_m",
         "_period_s",
@@ -265,6 +267,7 @@ CONSTANT: dict[type, Sequence[str]] = {
         "operator",
         "_reception",
         "_priorities",
+        "_resignation",
         "trust",
         "election",
         "phases",
@@ -301,6 +304,7 @@ class Shelf:
             (swarm.trust.gate, GATE),
             (swarm.trust._leads, LEADS),
             (swarm.trust._patience, PATIENCE),
+            (swarm._resignation, RESIGNATION),
         )
         for part, kept in parts:
             unknown = set(_fields(part)) - kept.keys() - set(CONSTANT[type(part)])
