@@ -56,9 +56,8 @@ LIDAR_ESTIMATOR: Final = 7  # MAV_ESTIMATOR_TYPE_LIDAR
 ODOMETRY_SD_MPS: Final = 0.1  # of the own motion by trunks, an axis (docs/explanation/own-motion.md)
 REBOOT_MS: Final = 5000  # of its own time, back: no frame is late by that
 REBOOT_FRAMES: Final = 3  # in a row: one may be a stray
-DOUBT_M: Final = (
-    5.0  # between the origin as told and as home has it; recorded: 1.4 m at first, then 0.05 m (both makes)
-)
+# Between the origin as told and as home has it; recorded: 1.4 m at first, then 0.05 m (both makes)
+DOUBT_M: Final = 5.0
 MULTICOPTERS = frozenset({2, 3, 4, 13, 14, 15, 29, 35})  # MAV_TYPE: other vehicles number their modes differently
 TIME_LIMIT_NS = 1 << 62  # 146 years: beyond it a time is not believed
 
