@@ -84,6 +84,7 @@ class WireBeacon(NamedTuple):
     version: int
     members: bytes
     position_error: int
+    accused: int
 
     @property
     def swarm_phase(self) -> int:
@@ -101,7 +102,7 @@ class WireBeacon(NamedTuple):
         return self.leader if self.flags & ESTABLISHED else 0
 
 
-BEACON_PAYLOAD: Final = struct.Struct("<IiiifffffffffffIIfffHHHHBBBBBBBBBBBBBBB96sB")
+BEACON_PAYLOAD: Final = struct.Struct("<IiiifffffffffffIIfffHHHHBBBBBBBBBBBBBBB96sBB")
 # `_make`, without its frame.
 _wire_beacon: Final[Callable[..., WireBeacon]] = partial(tuple.__new__, WireBeacon)
 
@@ -213,6 +214,7 @@ def encode_beacon(value: Beacon, here: Wgs84) -> bytes:
         VERSION,
         pack_sets(value.done, value.present, value.flown),
         min(255, round(value.position_error_m * 10.0)),
+        value.accused,
     )
 
 
@@ -260,6 +262,7 @@ def decode_beacon(sender: int, fields: WireBeacon) -> Beacon | None:
         version,
         members,
         position_error,
+        accused,
     ) = fields
     if not (
         -100.0 <= vx <= 100.0
@@ -341,6 +344,7 @@ def decode_beacon(sender: int, fields: WireBeacon) -> Beacon | None:
         present,
         flown,
         position_error / 10.0,
+        accused,
     )
 
 

@@ -199,7 +199,11 @@ LEADS: dict[str, Keep] = {
     "_left": new(lambda _: 0),
     "_moved_ned_m": new(lambda _: None),
     "_moved_s": new(to_s),
+    "_leader": new(lambda _: 0),
+    "_led_s": new(lambda _: -math.inf),
+    "_within_m": new(lambda _: math.inf),
 }
+TRUST: dict[str, Keep] = {"_defiant": new(lambda _: set())}  # until the next period: of blocks, longer than explored
 GATE: dict[str, Keep] = {
     "_words": (_take_words, _give_words),
     # The same
@@ -249,18 +253,10 @@ CONSTANT: dict[type, Sequence[str]] = {
     Resignation: (),
     LeadWatch: ("_apart_s", "_beacons", "_holds", "_limits_s", "_width_m"),
     PhaseGate: ("_me", "_heard_s", "_lane_ways_s", "_durations_s", "_at_end", "_back_m", "may_turn_back"),
+    # Nobody gives up a leader, see LEADS: no accusations
     Trust: (
-        "_me",
-        "_priorities",
-        "blocklist",
-        "_courses",
-        "gate",
-        "_leads",
-        "_patience",
-        "_fastest_mps",
-        "_least_range_m",
-        "_period_s",
-        "_own_words_s",
+        *("_me", "_priorities", "blocklist", "_courses", "gate", "_leads", "_accusations", "_given_up", "_alone_s"),
+        *("_patience", "_fastest_mps", "_least_range_m", "_period_s", "_own_words_s"),
     ),
     Swarm: (
         "me",
@@ -298,7 +294,7 @@ class Shelf:
             (swarm.roster, ROSTER),
             (swarm.partition, PARTITION),
             (swarm.phases, PHASES),
-            (swarm.trust, {}),
+            (swarm.trust, TRUST),
             (swarm.trust.blocklist, BLOCKLIST),
             (swarm.trust._courses, BLOCKLIST),
             (swarm.trust.gate, GATE),

@@ -150,6 +150,7 @@ class Beacon:
     present: Final[int]  # bit k-1: vehicle k is in the sender's branch
     flown: Final[int]  # bit k-1: vehicle k has taken off, as far as the sender knows
     position_error_m: Final[float]  # that it may be off, level, beyond what goes with GNSS: it has lost its fix
+    accused: Final[int]  # a leader that the sender has given up by what it observes itself; 0: none
 
     def __init__(
         self,
@@ -178,6 +179,7 @@ class Beacon:
         present: int = 0,
         flown: int = 0,
         position_error_m: float = 0.0,
+        accused: int = 0,
     ) -> None:
         self.sender = sender
         self.time_ms = time_ms
@@ -204,6 +206,7 @@ class Beacon:
         self.present = present
         self.flown = flown
         self.position_error_m = position_error_m
+        self.accused = accused
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)

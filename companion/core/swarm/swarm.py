@@ -175,7 +175,7 @@ class Swarm:
         # A swarm of which all were stalled at once: one of them has to begin.
         there |= bool(picture.neighbours) and picture.listens_s > LISTEN_S
         is_out = self._resignation.update(picture, leads=self.election.acts, resigns=resigns)
-        eligible = there and not resigns and not is_out
+        eligible = there and not resigns and not is_out and not self.trust.bars_lead(now_s)
         score = score_of(picture.battery_percent, self._reception)
         self.election.set_priority(self._priorities.of(self.me, self._reception))
         news = self.trust.run_period(picture, self.election, self.phases, is_held=self.operator.holds)
@@ -313,6 +313,7 @@ class Swarm:
             echo=echo,
             stop=self.phases.stop,
             position_error_m=position_error_m,
+            accused=self.trust.accused,
         )
 
     # --- inside ---

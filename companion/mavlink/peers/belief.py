@@ -37,4 +37,5 @@ def without_word(said: Beacon) -> Beacon:
         present=0,
         flown=0,
         parent=0,
+        accused=0,
     )

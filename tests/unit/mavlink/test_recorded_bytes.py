@@ -55,6 +55,7 @@ FULL = Beacon(
     echo=BeaconEcho(244, 65_432, 1.234),
     stop=3,
     position_error_m=2.9,
+    accused=243,
 )
 LEAST = Beacon(
     sender=1,

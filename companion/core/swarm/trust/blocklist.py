@@ -58,6 +58,11 @@ class Blocklist:
             self._doubted[vehicle] = now_s
             self._news.append((vehicle, why))
 
+    def forgive(self, vehicle: int) -> None:
+        """It is not doubted any more; what is proven stays."""
+        self._doubted.pop(vehicle, None)
+        self._doubts.pop(vehicle, None)
+
     def fade(self, now_s: float) -> None:
         """A beacon period has passed."""
         if self._doubts:
@@ -108,4 +113,5 @@ def strip_beacon(beacon: Beacon) -> Beacon:
         stop=0,
         present=0,
         flown=0,
+        accused=0,
     )

@@ -8,6 +8,7 @@ nobody: the other may have it.)
 
 A leader that brings this vehicle far from the way that it was told when the swarm set out, or gets it nowhere for
 longer than one waits that keeps the mission's times, is given up: by the own odometry, of which only differences count.
+The next one, or the same where it is let lead again, is asked to take it no farther off, and has a minute.
 """
 
 from __future__ import annotations
@@ -32,7 +33,9 @@ CORRIDOR_M: Final = (
 )
 LEFT_PERIODS: Final = 20  # T_L
 SLACK_S: Final = 60.0  # beyond the mission's own times
+BACK_M: Final = 5.0  # beyond where one took over that has to bring it back: a detour
 MOVED_M: Final = 5.0
+GIVEN_UP: Final = -1  # in the place of a leader's id
 TOLD_S: Final = 2.0  # after a phase has begun: by then who hands down a false vector hands down none any more
 
 
@@ -45,6 +48,8 @@ class LeadWatch:
         "_beacons",
         "_bound",
         "_holds",
+        "_leader",
+        "_led_s",
         "_left",
         "_limits_s",
         "_moved_ned_m",
@@ -56,6 +61,7 @@ class LeadWatch:
         "_way_ned_m",
         "_way_stop",
         "_width_m",
+        "_within_m",
     )
 
     def __init__(self, mission: Mission) -> None:
@@ -74,6 +80,9 @@ class LeadWatch:
         self._way_ned_m: list[Vec3] = []
         self._way_stop = -1  # the visit that it leads to
         self._left = 0  # periods beside the way
+        self._leader = 0  # that is followed,
+        self._led_s = -math.inf  # since when, where it is not the first
+        self._within_m = math.inf  # of the way it has to keep: it took over there
         self._moved_ned_m: Vec3 | None = None
         self._moved_s = 0.0
 
@@ -126,6 +135,19 @@ class LeadWatch:
     def _is_fresh(election: Election, mine: Lease) -> bool:
         return mine.quorum and (election.acts or election.age <= FRESH_PERIODS)
 
+    def count_followers(self, leader: int, now_s: float) -> int:
+        """Members but itself that are heard to follow it."""
+        followers = 0
+        for sender, (at_s, lease) in self._beacons.items():
+            is_fresh = now_s - at_s <= self._apart_s and sender != leader
+            followers += is_fresh and lease is not None and lease.leader == leader
+        return followers
+
+    def forgive(self, leader: int) -> None:
+        """It was given up, and may lead again: as one that takes over."""
+        if self._leader == leader:
+            self._leader = GIVEN_UP
+
     def take_news(self) -> list[tuple[int, str]]:
         """Vehicles that lead unasked, and why in words, since this was asked last."""
         news, self._news = self._news, []
@@ -133,12 +155,11 @@ class LeadWatch:
 
     # --- where its lead has brought this one ---
 
-    def find_fault(
-        self, pos_ned_m: Vec3, dest_ned_m: Vec3 | None, phases: Phases, now_s: float, *, follows: bool
-    ) -> str:
-        """Each period: why the leader is given up, in words; empty: it is not. `follows`: steered, by its lead.
+    def find_fault(self, pos_ned_m: Vec3, dest_ned_m: Vec3 | None, phases: Phases, now_s: float, *, leader: int) -> str:
+        """Each period: why the leader is given up, in words; empty: it is not.
 
-        `dest_ned_m`: the vector to d2, or the visit before it, as it is told: never the mission's (rule 5).
+        `leader`: by whose lead it is steered; 0: it is not, or by nobody's. `dest_ned_m`: the vector to d2, or the
+        visit before it, as it is told: never the mission's (rule 5).
         """
         phase, is_new = phases.phase, (phases.phase, phases.stop) != self._bound
         if self._moved_ned_m is None or math.dist(pos_ned_m, self._moved_ned_m) > MOVED_M or is_new:
@@ -146,22 +167,38 @@ class LeadWatch:
         # In its first period what was told is still of the visit before.
         self._note_way(pos_ned_m, None if is_new else dest_ned_m, phases, now_s)
         self._bound = (phase, phases.stop)
-        if not follows or not phases.saw_begin:
+        if not leader or not phases.saw_begin:
             self._left, self._moved_s = 0, now_s
             return ""
+        beside_m = self._beside_m(pos_ned_m, phases.stop)
+        if leader != self._leader:
+            self._begin_lead(leader, beside_m, now_s)
         since_s = phases.elapsed_s(now_s)
+        has_had_time = now_s - self._led_s > SLACK_S
         match phase:
             case SwarmPhase.GATHER:
-                return "waits too long" if since_s > phases.gather_limit_s + TOO_FEW_LAND_S + SLACK_S else ""
+                limit_s = phases.gather_limit_s + TOO_FEW_LAND_S + SLACK_S
+                return "waits too long" if has_had_time and since_s > limit_s else ""
             case SwarmPhase.COVERAGE:
                 ends = not (self._holds and phases.stop + 1 == len(self._limits_s))
-                return "covers too long" if ends and since_s > self._limits_s[phases.stop] else ""
+                is_late = ends and since_s > self._limits_s[phases.stop]
+                return "covers too long" if has_had_time and is_late else ""
             case SwarmPhase.TRANSIT | SwarmPhase.RETURN:
                 if now_s - self._moved_s > STUCK_LAND_S + SLACK_S:
                     return "gets nowhere"
-                self._left = self._left + 1 if self._is_beside(pos_ned_m, phases.stop) else 0
+                self._within_m = max(self._width_m, min(self._within_m, beside_m + BACK_M))
+                self._left = self._left + 1 if beside_m > self._within_m else 0
                 return "leaves the way" if self._left > LEFT_PERIODS else ""
         return ""
+
+    def _begin_lead(self, leader: int, beside_m: float, now_s: float) -> None:
+        """Another leads than before: what was is not its doing."""
+        if self._leader:
+            self._left, self._moved_s, self._led_s = 0, now_s, now_s
+            self._within_m = max(self._width_m, beside_m + BACK_M)
+        else:
+            self._within_m = self._width_m
+        self._leader = leader
 
     def _note_way(self, pos_ned_m: Vec3, dest_ned_m: Vec3 | None, phases: Phases, now_s: float) -> None:
         """Keep where it sets out, and where to: what is told last within TOLD_S."""
@@ -172,19 +209,19 @@ class LeadWatch:
             self._way_ned_m = [*self._way_ned_m[: 1 + phases.stop], add(pos_ned_m, dest_ned_m)]
             self._way_stop = phases.stop
 
-    def _is_beside(self, pos_ned_m: Vec3, stop: int) -> bool:
-        """By the own odometry it is farther from the way, there and back, than a formation is wide.
+    def _beside_m(self, pos_ned_m: Vec3, stop: int) -> float:
+        """Level distance from the way, there and back, by the own odometry.
 
-        Nobody is, where it was not told where the way to this visit leads.
+        0 where it was not told where the way to this visit leads.
         """
         if self._way_stop != stop:
-            return False
+            return 0.0
         before = self._way_ned_m[-1]
         least_m = math.inf
         for place in self._way_ned_m:
             least_m = min(least_m, _level_distance_m(pos_ned_m, before, place))
             before = place
-        return least_m > self._width_m
+        return least_m
 
 
 def _leads(sender: int, lease: Lease | None) -> bool:

@@ -11,12 +11,13 @@ from companion.core.model.beacon import Beacon, Lease
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import Role
 from companion.core.model.vectors import limit, norm
-from companion.core.swarm.election import Election
+from companion.core.swarm.election import SEQ_JUMP, Election
 from companion.core.swarm.phases import Phases
 from companion.core.swarm.picture import Picture
 from companion.core.swarm.priorities import Priorities
+from companion.core.swarm.trust.accusations import ACCUSERS, Accusations
 from companion.core.swarm.trust.blocklist import DOUBT_LIMIT, Blocklist, strip_beacon, strip_course
-from companion.core.swarm.trust.lead_watch import LeadWatch
+from companion.core.swarm.trust.lead_watch import APART_PERIODS, LeadWatch
 from companion.core.swarm.trust.phase_gate import PhaseGate
 from companion.core.swarm.trust.relay_watch import LEAST_COST, Patience, breaks_route, find_contradicting
 from mission.document.model import Mission
@@ -24,6 +25,7 @@ from mission.document.model import Mission
 RANGE_STEP_M: Final = 0.1  # in which beacons tell the range of a radio
 PERIODS_BESIDE: Final = 2  # that a leader's count goes on beyond what time has passed: an early beacon, a late tick
 PLAIN_LIE: Final = 3.0  # what no lost beacon explains weighs more
+ALONE_S: Final = 10.0  # two that are led astray find it within a few seconds of each other
 PHASE_LIE: Final = 0.5  # over T_L a leader may come to its senses
 
 
@@ -37,6 +39,10 @@ class Trust:
         self._courses = Blocklist(mission.swarm.size)
         self.gate = PhaseGate(mission, me)
         self._leads = LeadWatch(mission)
+        self._accusations = Accusations()
+        self._given_up = 0  # the last leader that was, by what is observed here
+        self._alone_s: float | None = None  # since when it is the only one that does not follow it
+        self._defiant: set[int] = set()  # that are blocked, and said in the last period that they lead
         self._patience = Patience()
         self._fastest_mps = mission.limits.speed_max_mps
         self._least_range_m = min(mission.radio.transit_range_m, mission.radio.full_range_m)
@@ -48,6 +54,8 @@ class Trust:
     def sanitise_beacon(self, beacon: Beacon, now_s: float) -> Beacon:
         """The same without what no member truly says: a priority, reference, range, route that none has."""
         if self.blocklist.has(beacon.sender):
+            if _is_claim(beacon):
+                self._defiant.add(beacon.sender)
             return strip_beacon(beacon)
         candidate = beacon.candidate
         if candidate is not None and (
@@ -66,14 +74,18 @@ class Trust:
         if not leads and beacon.route_cost < LEAST_COST:
             beacon = replace(beacon, route_cost=LEAST_COST)
         # A route over one that leads unasked would take its followers from the leader's count of its part.
-        is_false = not self._leads.may_lead(beacon.sender) if leads else self._courses.has(beacon.sender)
+        is_false = not self._may_lead(beacon.sender, now_s) if leads else self._courses.has(beacon.sender)
         return strip_course(beacon) if is_false else beacon
 
     def receive_lease(self, beacon: Beacon, election: Election, now_s: float) -> bool:
         """A new beacon of another member, for the election: its lease, as far as it counts; True: it is news."""
         lease, sender = beacon.lease, beacon.sender
+        self._accusations.receive_beacon(beacon, now_s)
+        before = self._leads.find_own_word(sender, now_s)
         self._leads.note_claim(beacon, election, now_s)
-        if lease is None or self.blocklist.has(lease.leader) or not self._leads.may_lead(lease.leader):
+        if _leaps(before, lease):
+            self._give_up(sender, "counts far ahead of itself", now_s)
+        if lease is None or self.blocklist.has(lease.leader) or not self._may_lead(lease.leader, now_s):
             return False
         if not self._priorities.may_have(lease.priority, lease.leader):
             return False
@@ -121,15 +133,59 @@ class Trust:
         now_s, own, lease = picture.now_s, picture.own, election.lease
         if own is not None:
             follows = picture.is_steered and not is_held and election.role is Role.FOLLOWER and lease is not None
+            leader = lease.leader if follows and lease is not None else 0
             self.gate.note_position(own.pos_ned_m, phases.phase)
-            fault = self._leads.find_fault(own.pos_ned_m, picture.dest_ned_m, phases, now_s, follows=follows)
-            if fault and lease is not None:
-                self.blocklist.note_doubt(lease.leader, fault, DOUBT_LIMIT, now_s)
+            fault = self._leads.find_fault(own.pos_ned_m, picture.dest_ned_m, phases, now_s, leader=leader)
+            if fault:
+                self._give_up(leader, fault, now_s)
+        self._reconsider(now_s)
+        self._bar_defiant(lease, now_s)
         self.blocklist.fade(now_s)
         self._courses.fade(now_s)
-        if lease is not None and self.blocklist.has(lease.leader):
+        if lease is not None and (self.blocklist.has(lease.leader) or not self._may_lead(lease.leader, now_s)):
             election.depose()
         return [*self.blocklist.take_news(), *self._courses.take_news(), *self._leads.take_news()]
+
+    @property
+    def accused(self) -> int:
+        """The leader that this vehicle has given up by what it observes itself, while it is blocked; 0: none."""
+        return self._given_up if self.blocklist.has(self._given_up) else 0
+
+    def bars_lead(self, now_s: float) -> bool:
+        """Enough of the others say that this vehicle leads astray; or it alone has given up whom they follow."""
+        return self._accusations.is_accused(self._me, now_s) or self._alone_s is not None
+
+    def _may_lead(self, vehicle: int, now_s: float) -> bool:
+        """Nothing that is observed here contradicts it, and not two of the others."""
+        return self._leads.may_lead(vehicle) and not self._accusations.is_accused(vehicle, now_s)
+
+    def _give_up(self, leader: int, why: str, now_s: float) -> None:
+        """By what is observed here it leads astray."""
+        self.blocklist.note_doubt(leader, why, DOUBT_LIMIT, now_s)
+        self._given_up = leader
+
+    def _reconsider(self, now_s: float) -> None:
+        """Let a leader lead again that two others follow and nobody else has given up, after ALONE_S.
+
+        Then this vehicle was rather pushed off the way than led. Meanwhile it claims no lead.
+        """
+        leader = self.accused
+        is_alone = leader > 0 and self._accusations.count_accusers(leader, now_s) == 0
+        if not is_alone or self._leads.count_followers(leader, now_s) < ACCUSERS:
+            self._alone_s = None
+        elif self._alone_s is None:
+            self._alone_s = now_s
+        elif now_s - self._alone_s > ALONE_S:
+            self._alone_s = None
+            self.blocklist.forgive(leader)
+            self._leads.forgive(leader)
+
+    def _bar_defiant(self, lease: Lease | None, now_s: float) -> None:
+        """Keep those blocked that go on to say that they lead, as long as another leads the majority."""
+        if lease is not None and lease.established and lease.quorum:
+            for vehicle in sorted(self._defiant - {lease.leader}):
+                self.blocklist.note_doubt(vehicle, "leads on", 0.0, now_s)
+        self._defiant.clear()
 
     def find_views(self, heard: Sequence[Beacon]) -> list[Beacon]:
         """The beacons whose views of the leader count."""
@@ -144,3 +200,19 @@ class Trust:
     def filter_followers(self, followers: list[Neighbour], now_s: float, *, range_m: float) -> list[Neighbour]:
         """The followers whose governor counts. `range_m`: that the formation keeps."""
         return self._patience.filter_followers(followers, now_s, range_m=range_m)
+
+
+def _is_claim(beacon: Beacon) -> bool:
+    """Its sender says that it leads, and may act."""
+    lease = beacon.lease
+    return lease is not None and lease.leader == beacon.sender and lease.established
+
+
+def _leaps(before: Lease | None, lease: Lease | None) -> bool:
+    """Of one acting leader's own words the second counts further than a count that others told it can have brought it.
+
+    One that starts anew, or counted to the end, does not act for longer than the first counts.
+    """
+    if before is None or lease is None or lease.leader != before.leader:
+        return False
+    return before.established and lease.established and lease.seq > before.seq + SEQ_JUMP + APART_PERIODS

@@ -8,7 +8,8 @@ from __future__ import annotations
 from typing import Final
 
 from companion.core.model.states import FlightState, SwarmPhase
-from companion.mavlink.schema.rows import Bits, Message, Part, Value, field, vector
+from companion.mavlink.schema.rows import Bits, Message, Value, field, vector
+from companion.mavlink.schema.tables.beacon_parts import PARTS
 from mission.schema.tables import MAX_LANES, MAX_STOPS
 
 VERSION: Final = 1  # of what the fields mean; docs/reference/stability.md says what changes it
@@ -318,7 +319,8 @@ BEACON: Final = Message(
             pack="pack_sets({}, {}, {})",
             unpack="unpack_sets({})",
         ),
-        # The last one: MAVLink sends no zeros at the end, and it is zero but where satellites were lost.
+        # The last two: MAVLink sends no zeros at the end, and they are zero but where satellites were lost, or one
+        # leads astray.
         field(
             "position_error",
             "uint8_t",
@@ -334,62 +336,18 @@ BEACON: Final = Message(
             pack="min(255, round({} * 10.0))",
             unpack="{} / 10.0",
         ),
-    ),
-    parts=(
-        Part(
-            attribute="lease",
-            name="Lease",
-            about="A leader's claim as it travels from neighbour to neighbour. Compared by `election.rank`.",
-            when="leader",
-            by_place=("leader", "seq", "priority", "score", "established", "heir", "ends", "quorum"),
-        ),
-        Part(
-            attribute="candidate",
-            name="Candidate",
-            about="A vehicle that could lead: by priority, then score.",
-            when="candidate",
-            note="the best of the sender and those behind it to succeed that leader",
-            by_place=("vehicle", "priority", "score"),
-        ),
-        Part(
-            attribute="sighting",
-            name="PeerReport",
-            about="A third vehicle's position when it was last heard, as it travels with the beacons.",
-            when="seen",
-            note="of one that fell silent, or is heard though a neighbour calls it silent",
-            by_place=("vehicle", "rel_ned_m", "age_s", "silent"),
-            local=(
-                Value(
-                    "sighting.received",
-                    kind="bool",
-                    note="from another vehicle's beacon, not heard here (not on the wire)",
-                    default="False",
-                ),
-                Value(
-                    "sighting.every_height",
-                    kind="bool",
-                    note="it was on its way up or down (not on the wire)",
-                    default="False",
-                ),
-                Value(
-                    "sighting.elsewhere",
-                    kind="tuple[Vec3, ...]",
-                    note="other places at which it may hover, by others' words (not on the wire)",
-                    default="()",
-                ),
+        field(
+            "accused",
+            "uint8_t",
+            "System id of a leader that the sender has given up by what it observes itself; 0: none.",
+            Value(
+                "accused",
+                default="0",
+                note="a leader that the sender has given up by what it observes itself; 0: none",
             ),
-            default="None",
-        ),
-        Part(
-            attribute="echo",
-            name="BeaconEcho",
-            about="Receipt of a neighbour's beacon, by which that one measures how old this vehicle's beacons are.",
-            when="echo",
-            note="of one neighbour's beacon, each neighbour in turn",
-            by_place=("vehicle", "time_ms", "hold_s"),
-            default="None",
         ),
     ),
+    parts=PARTS,
     derived=(
         (
             "acting_leader",

@@ -152,13 +152,13 @@ def test_while_an_operator_holds_it_no_leader_is_late_and_none_too_soon() -> Non
     watch, here = LeadWatch(MISSION), (0.0, 0.0, 0.0)
     phases.obey(1.0, holds=False, lands=False)
     phases.obey(501.0, holds=True, lands=False)
-    assert watch.find_fault(here, None, phases, 501.0, follows=False) == ""
-    assert watch.find_fault(here, None, phases, 502.0, follows=True) == ""
+    assert watch.find_fault(here, None, phases, 501.0, leader=0) == ""
+    assert watch.find_fault(here, None, phases, 502.0, leader=1) == ""
     assert gate.is_possible(SwarmPhase.LAND, 0, phases, 502.0)
     phases.adopt_phase(SwarmPhase.LAND, 502.0)
     assert (phases.elapsed_s(503.0), phases.most_elapsed_s(503.0)) == (1.0, 1.0)  # a hold before counts for nothing
     _, phases = on_the_way(phase=SwarmPhase.COVERAGE)
-    assert watch.find_fault(here, None, phases, 501.0, follows=True) == "covers too long"
+    assert watch.find_fault(here, None, phases, 501.0, leader=1) == "covers too long"
 
 
 def test_a_leader_and_another_that_land_at_once_may_have_been_ordered_to() -> None:
