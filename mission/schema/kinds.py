@@ -56,7 +56,7 @@ class Lie(StrEnum):
     OFFSET = "offset"  # its position is off, by ever more
     FLOOR = "floor"  # it is lower than it is, or higher, and others are to level with it
     GHOST = "ghost"  # others hover silent, where nobody is
-    USURPER = "usurper"  # it leads, with the best that it may claim, and hands down a course of its own
+    USURPER = "usurper"  # it leads as well as it may claim, accuses who does, and hands down a course of its own
     SINKHOLE = "sinkhole"  # it is the way to the leader, with a false course and a false way to d2
     PHASE = "phase"  # the leader has announced what it has not: a return, a landing, the next tree
     LEASE = "lease"  # the leader's count is far ahead, it hands over, and others could lead

@@ -29,7 +29,7 @@ from sim_bridge.drive.links.resealer import Resealer
 
 SALT: Final = 0x1251DE
 AIMS_S: Final = (3.0, 12.0)  # how long one is pushed, or haunted
-SEQ_OFF: Final = 50_000  # an usurper's first count
+SEQ_OFF: Final = 50_000  # an usurper's first count, where it leaps
 U32: Final = 0xFFFFFFFF
 
 
@@ -200,12 +200,14 @@ class Insider:
         phase = beacon.phase
         if self._kind % 3 == 0 and ahead_s > 10.0:
             phase = SwarmPhase.LAND if self._kind % 2 else SwarmPhase.RETURN
-        seq = SEQ_OFF + (0 if lease is None else lease.seq) + self._count
+        seq = 0 if lease is None else lease.seq
+        # One that leads already may also count on as it did: that alone then tells nobody.
+        if lease is None or lease.leader != self._me or self._kind % 2:
+            seq += SEQ_OFF + self._count
         claim = Lease(self._me, seq, self._priority, 10, established=True)
-        return Told(
-            replace(beacon, lease=claim, hop=0, route_cost=0.0, phase=phase, agreed=True, candidate=None),
-            told.pos_ned_m,
-        )
+        rival = 0 if lease is None or lease.leader == self._me else lease.leader
+        beacon = replace(beacon, lease=claim, hop=0, route_cost=0.0, phase=phase, agreed=True, candidate=None)
+        return Told(replace(beacon, accused=rival), told.pos_ned_m)
 
     def _attract(self, told: Told, now_s: float, _others: Mapping[int, Vec3]) -> Told:
         cost = 0.0 if self._kind % 4 else self._share
