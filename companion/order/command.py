@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+import os
 import select
 import sys
 import time
@@ -40,21 +42,23 @@ class _RefusedError(Exception):
 def order(arguments: argparse.Namespace) -> int:
     """The exit code."""
     harden_process()
+    output = _Output()
     try:
         with ExitStack() as opened:
-            return _order(arguments, opened)
+            code = _order(arguments, opened, output)
+            return code if output.is_whole else EXIT_ENVIRONMENT
     except _RefusedError as refusal:
-        print(f"companion: {refusal}", file=sys.stderr)
+        _warn(str(refusal))
         return refusal.code
     except OrderFileError as error:  # of a START: it was not sent
-        print(f"companion: {error}: nothing was ordered", file=sys.stderr)
+        _warn(f"{error}: nothing was ordered")
         return EXIT_BAD_FILE
     except OSError as error:
-        print(f"companion: {arguments.key}{SUFFIX}: {reason_of(error)}: nothing was ordered", file=sys.stderr)
+        _warn(f"{arguments.key}{SUFFIX}: {reason_of(error)}: nothing was ordered")
         return EXIT_ENVIRONMENT
 
 
-def _order(arguments: argparse.Namespace, opened: ExitStack) -> int:
+def _order(arguments: argparse.Namespace, opened: ExitStack, output: _Output) -> int:
     try:
         mission = load_mission(arguments.mission)
         size = mission.swarm.size
@@ -72,10 +76,10 @@ def _order(arguments: argparse.Namespace, opened: ExitStack) -> int:
     station = operator.station
     with Stop() as stop:
         links = {"radio": operator.link} | ({} if ground is None else {"ground station's link": ground})
-        radio = _Radio(operator, stop, FloodLog(links, lambda _now_s, text, _is_over: _show(text)))
+        radio = _Radio(operator, stop, FloodLog(links, lambda _now_s, text, _is_over: output.show(text)), output)
         if ground is not None:
-            print(f"orders of {printable(str(arguments.ground_station))} go to {arguments.peers}", flush=True)
-            radio.serve(GroundStation(station, size, _show), ground)
+            output.show(f"orders of {printable(str(arguments.ground_station))} go to {arguments.peers}")
+            radio.serve(GroundStation(station, size, output.show), ground)
             return EXIT_DONE
         kind = OrderKind[arguments.order_command.upper()]
         if kind is OrderKind.START or not operator.knows_flight:
@@ -86,7 +90,7 @@ def _order(arguments: argparse.Namespace, opened: ExitStack) -> int:
             if not 0 <= hand_back <= size:
                 raise _RefusedError(EXIT_BAD_FILE, f"--hand-back {hand_back}: the mission has the vehicles 1 to {size}")
             _refuse_stopped(stop)
-            _confirm(station, size, arguments.yes, stop)
+            _confirm(station, size, arguments.yes, stop, output)
             radio.run(0.0 if arguments.yes else SETTLE_S)
         _refuse_stopped(stop)
         return _send(radio, kind, hand_back, arguments.for_s)
@@ -97,12 +101,12 @@ def _refuse_stopped(stop: Stop) -> None:
         raise _RefusedError(EXIT_BAD_FILE, f"{stop.reason}: nothing was ordered")
 
 
-def _confirm(station: OperatorStation, size: int, yes: bool, stop: Stop) -> None:
+def _confirm(station: OperatorStation, size: int, yes: bool, stop: Stop, output: _Output) -> None:
     now_s = time.monotonic()
     heard, missing = station.vehicles(now_s), station.not_ready(now_s)
-    _show(f"ready: {list_ids([k for k in heard if k not in missing]) or 'none'}")
+    output.show(f"ready: {list_ids([k for k in heard if k not in missing]) or 'none'}")
     for vehicle, why in missing.items():
-        _show(f"vehicle {vehicle}: {why}")
+        output.show(f"vehicle {vehicle}: {why}")
     if not heard:
         raise _RefusedError(EXIT_NOT_ALL, "no vehicle is heard: nothing was ordered")
     if yes:
@@ -110,7 +114,9 @@ def _confirm(station: OperatorStation, size: int, yes: bool, stop: Stop) -> None
     if not sys.stdin.isatty():
         raise _RefusedError(EXIT_BAD_FILE, "a start is confirmed at a terminal, or with --yes: nothing was ordered")
     without = f", without {list_ids(list(missing))}" if missing else ""
-    print(f"Start {size - len(missing)} of {size} vehicles{without}? [y/N] ", end="", flush=True)
+    output.show(f"Start {size - len(missing)} of {size} vehicles{without}? [y/N] ", end="")
+    if not output.is_whole:
+        raise _RefusedError(EXIT_ENVIRONMENT, "the question cannot be shown: nothing was ordered")
     select.select((sys.stdin, stop.fileno()), (), ())
     _refuse_stopped(stop)
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):  # empty: its end
@@ -119,7 +125,7 @@ def _confirm(station: OperatorStation, size: int, yes: bool, stop: Stop) -> None
 
 def _send(radio: _Radio, kind: OrderKind, hand_back: int, for_s: float) -> int:
     """Until all that are heard act on it, or the time is up."""
-    station, begun_s = radio.station, time.monotonic()
+    station, show, begun_s = radio.station, radio.output.show, time.monotonic()
     if warning := station.send_order(kind, begun_s, hand_back=hand_back):
         _warn(warning)
 
@@ -132,19 +138,20 @@ def _send(radio: _Radio, kind: OrderKind, hand_back: int, for_s: float) -> int:
     aborted = station.overruled(now_s)
     acting = [vehicle for vehicle in heard if vehicle not in waits_for and vehicle not in aborted]
     if aborted:
-        _show(f"{kind.name}: ABORT stays in force, which is above it: {list_ids(aborted)}")
+        show(f"{kind.name}: ABORT stays in force, which is above it: {list_ids(aborted)}")
     if acting or not aborted:
-        _show(f"{kind.name}: {f'acting on it: {list_ids(acting)}' if acting else 'nobody is heard to act on it'}")
+        show(f"{kind.name}: {f'acting on it: {list_ids(acting)}' if acting else 'nobody is heard to act on it'}")
     if waits_for:
-        _show(f"{kind.name}: heard, and not acting on it: {list_ids(waits_for)}")
+        show(f"{kind.name}: heard, and not acting on it: {list_ids(waits_for)}")
     return EXIT_DONE if heard and not waits_for else EXIT_NOT_ALL
 
 
 class _Radio:
     """The loop."""
 
-    def __init__(self, operator: OperatorRadio, stop: Stop, floods: FloodLog) -> None:
+    def __init__(self, operator: OperatorRadio, stop: Stop, floods: FloodLog, output: _Output) -> None:
         self.station = operator.station
+        self.output = output
         self._operator, self._stop, self._floods = operator, stop, floods
 
     def run(self, for_s: float, is_done: Callable[[float], bool] = lambda _now_s: False) -> None:
@@ -170,13 +177,26 @@ class _Radio:
         select.select((operator.link.fileno(), *fds, self._stop.fileno()), (), (), wait_s)
         now_s = time.monotonic()
         operator.hear_radio(now_s)
-        operator.send_due(now_s, self._floods, _show)
+        operator.send_due(now_s, self._floods, self.output.show)
         return now_s
 
 
+class _Output:
+    """Standard output. Nobody may read it any more, or its disk be full: an order is sent all the same."""
+
+    def __init__(self) -> None:
+        self.is_whole = True
+
+    def show(self, line: str, end: str = "\n") -> None:
+        """A line, to be read at once."""
+        try:
+            print(line, end=end, flush=True)
+        except OSError as error:
+            if self.is_whole and not isinstance(error, BrokenPipeError):
+                _warn(f"cannot write: {os.strerror(error.errno or 0)}")
+            self.is_whole = False
+
+
 def _warn(line: str) -> None:
-    print(f"companion: {line}", file=sys.stderr, flush=True)
-
-
-def _show(line: str) -> None:
-    print(line, flush=True)
+    with contextlib.suppress(OSError):
+        print(f"companion: {line}", file=sys.stderr, flush=True)

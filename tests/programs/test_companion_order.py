@@ -92,6 +92,50 @@ def test_nobody_heard_is_no_success(folder: Path, port: int) -> None:
     assert (code, err) == (1, "companion: no vehicle is heard: nothing was ordered\n")
 
 
+@pytest.mark.parametrize(("kind", "airborne"), [("start", False), ("abort", True)])
+def test_order_is_sent_though_nobody_reads_what_is_told(folder: Path, port: int, kind: str, airborne: bool) -> None:
+    """A pager that was closed."""
+    vehicles = Vehicles(folder, port, airborne=airborne)
+    reader, writer = os.pipe()
+    os.close(reader)
+    words = [kind, *(["--yes"] if kind == "start" else []), "--peers", f"udpin://127.0.0.1:{port}"]
+    try:
+        done = subprocess.run(
+            order(folder, *words),
+            stdout=writer,
+            stderr=subprocess.PIPE,
+            stdin=subprocess.DEVNULL,
+            text=True,
+            timeout=LIMIT_S,
+        )
+    finally:
+        os.close(writer)
+        vehicles.close()
+    assert (done.returncode, done.stderr) == (3, "")
+    assert vehicles.obeyed == {1: [Order[kind.upper()]], 2: [Order[kind.upper()]]}
+
+
+def test_gateway_serves_on_though_its_output_cannot_be_written(folder: Path, port: int, vehicles: Vehicles) -> None:
+    station = mavutil.mavlink_connection("udpin:127.0.0.1:0", source_system=255, dialect="common")
+    ground = station.port.getsockname()[1]
+    words = ["gateway", "--peers", f"udpin://127.0.0.1:{port}", "--ground-station", f"udpout://127.0.0.1:{ground}"]
+    with open("/dev/full", "w") as full:
+        gateway = subprocess.Popen(order(folder, *words), stdout=full, stderr=subprocess.PIPE, text=True)
+    try:
+        assert station.recv_match(type="HEARTBEAT", blocking=True, timeout=LIMIT_S)
+        station.mav.command_long_send(1, 191, mavlink.MAV_CMD_NAV_LAND, 0, *(0.0,) * 7)
+        while not (vehicles.obeyed[1] and vehicles.obeyed[2]):
+            assert station.recv_match(type="HEARTBEAT", blocking=True, timeout=LIMIT_S) is not None
+        gateway.send_signal(signal.SIGINT)
+        assert gateway.communicate(timeout=LIMIT_S)[1] == "companion: cannot write: No space left on device\n"
+        assert gateway.returncode == 3
+    finally:
+        gateway.kill()
+        gateway.communicate()
+        station.close()
+    assert vehicles.obeyed == {1: [Order.ABORT], 2: [Order.ABORT]}
+
+
 def test_start_without_a_terminal_and_without_yes_is_not_ordered(folder: Path, port: int, vehicles: Vehicles) -> None:
     code, _, err = run(order(folder, "start", "--peers", f"udpin://127.0.0.1:{port}"))
     assert code == 2
