@@ -22,7 +22,7 @@ from companion.order.station import OperatorStation, OrderFileError, list_ids, r
 from companion.shell.floods import FloodLog
 from companion.shell.links import Link, LinkError
 from companion.shell.runner import Stop
-from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
+from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT, EXIT_INTERRUPTED
 from mission.common.problems import MissionError, printable
 from mission.document.load import load_mission
 
@@ -98,7 +98,7 @@ def _order(arguments: argparse.Namespace, opened: ExitStack, output: _Output) ->
 
 def _refuse_stopped(stop: Stop) -> None:
     if stop.reason:
-        raise _RefusedError(EXIT_BAD_FILE, f"{stop.reason}: nothing was ordered")
+        raise _RefusedError(EXIT_INTERRUPTED, f"{stop.reason}: nothing was ordered")
 
 
 def _confirm(station: OperatorStation, size: int, yes: bool, stop: Stop, output: _Output) -> None:
@@ -143,7 +143,12 @@ def _send(radio: _Radio, kind: OrderKind, hand_back: int, for_s: float) -> int:
         show(f"{kind.name}: {f'acting on it: {list_ids(acting)}' if acting else 'nobody is heard to act on it'}")
     if waits_for:
         show(f"{kind.name}: heard, and not acting on it: {list_ids(waits_for)}")
-    return EXIT_DONE if heard and not waits_for else EXIT_NOT_ALL
+    if heard and not waits_for:
+        return EXIT_DONE
+    if radio.stopped:
+        _warn(f"{radio.stopped}: {kind.name} is not sent any more")
+        return EXIT_INTERRUPTED
+    return EXIT_NOT_ALL
 
 
 class _Radio:
@@ -153,6 +158,11 @@ class _Radio:
         self.station = operator.station
         self.output = output
         self._operator, self._stop, self._floods = operator, stop, floods
+
+    @property
+    def stopped(self) -> str:
+        """By which signal, or ""."""
+        return self._stop.reason
 
     def run(self, for_s: float, is_done: Callable[[float], bool] = lambda _now_s: False) -> None:
         """Hear and send, for so long."""

@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import pty
 import signal
+import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -178,9 +180,41 @@ def test_time_to_send_for_is_a_number_above_0(folder: Path, port: int, for_s: st
     assert f"--for-s: {for_s}: must be a number of seconds above 0" in err
 
 
-@pytest.mark.parametrize(("is_signal", "words"), [(True, "SIGINT"), (False, "not confirmed")])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_order_that_is_interrupted_says_who_acts_and_ends_so(folder: Path, port: int, number: signal.Signals) -> None:
+    vehicles = Vehicles(folder, port, deaf=2)
+    arguments = order(folder, "abort", "--peers", f"udpin://127.0.0.1:{port}", "--for-s", "60")
+    sending = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        while not vehicles.obeyed[1]:
+            assert sending.poll() is None
+            time.sleep(0.05)
+        sending.send_signal(number)
+        out, err = sending.communicate(timeout=LIMIT_S)
+    finally:
+        sending.kill()
+        sending.communicate()
+        vehicles.close()
+    assert out.startswith("ABORT: ")  # who is heard to act by then
+    assert err == f"companion: {number.name}: ABORT is not sent any more\n"
+    assert sending.returncode == 130
+
+
+def test_order_that_is_interrupted_while_it_listens_was_not_sent(folder: Path, port: int) -> None:
+    arguments = order(folder, "start", "--yes", "--peers", f"udpout://127.0.0.1:{port}")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ours:
+        ours.bind(("127.0.0.1", port))
+        ours.settimeout(LIMIT_S)
+        listening = subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True)
+        ours.recv(65536)  # its own proof: it listens
+        listening.send_signal(signal.SIGINT)
+        assert listening.communicate(timeout=LIMIT_S)[1] == "companion: SIGINT: nothing was ordered\n"
+    assert listening.returncode == 130
+
+
+@pytest.mark.parametrize(("is_signal", "words", "code"), [(True, "SIGINT", 130), (False, "not confirmed", 2)])
 def test_question_of_a_start_is_ended_by_ctrl_c_and_ctrl_d(
-    folder: Path, port: int, vehicles: Vehicles, is_signal: bool, words: str
+    folder: Path, port: int, vehicles: Vehicles, is_signal: bool, words: str, code: int
 ) -> None:
     ours, theirs = pty.openpty()
     arguments = order(folder, "start", "--peers", f"udpin://127.0.0.1:{port}")
@@ -194,7 +228,7 @@ def test_question_of_a_start_is_ended_by_ctrl_c_and_ctrl_d(
         else:
             os.write(ours, b"\x04")
         assert started.communicate(timeout=LIMIT_S)[1] == f"companion: {words}: nothing was ordered\n"
-        assert started.returncode == 2
+        assert started.returncode == code
     finally:
         started.kill()
         started.communicate()
