@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 
-from companion.keys.key_file import owner_name, render_keyring
+from companion.keys.key_file import fingerprinted_text, owner_name
 from companion.keys.keyring import Keyring
 
 BYTES = 10  # 80 bits: nobody finds another key with the same one
@@ -30,7 +30,7 @@ def epoch_fingerprint(secret: bytes) -> str:
 
 def file_fingerprint(keyring: Keyring) -> str:
     """Of all that a key file holds."""
-    return fingerprint("file", render_keyring(keyring).encode())
+    return fingerprint("file", fingerprinted_text(keyring).encode())
 
 
 def fleet_fingerprint(keyring: Keyring) -> str:

@@ -111,7 +111,7 @@ def change_fleet(
 
 def _load_fleet(folder: Path, leaving: int | None) -> Fleet:
     """All files of the folder, which must be of one fleet. KeyFileError."""
-    operator = load_keyring(folder / OPERATOR_FILE, OPERATOR)
+    operator = load_keyring(folder / OPERATOR_FILE, OPERATOR, may_lack_vehicles=True)  # the others say which
     found = _load_vehicles(folder, leaving)
     for vehicle, keyring in found.items():
         known = operator.vehicles.get(vehicle, keyring.vehicles[vehicle])

@@ -25,6 +25,7 @@ DIFFERENT_MIN = 8  # of 32 random bytes 30 differ on average
 PLACE_CHARS = 200
 WORD_CHARS = 24
 HEX_RUN = re.compile(r"[0-9a-fA-F]{8}")  # may be a part of a secret that stands where it does not belong
+COUNTED = re.compile(r"^\[vehicles\]  # ([1-9][0-9]{0,2}): ", re.MULTILINE)  # or a cut at a line's end is not seen
 TOML_PLACE = re.compile(r"\((at [a-z0-9 ,]+)\)$")
 ACL = "system.posix_acl_access"
 ACL_VERSION = 2  # of the attribute: a number, then tag, permissions and id of each entry (Linux, posix_acl_xattr.h)
@@ -49,15 +50,18 @@ def owner_name(owner: int) -> str:
     return "the operator" if owner == OPERATOR else f"vehicle {owner}"
 
 
-def load_keyring(path: str | os.PathLike[str], owner: int | None) -> Keyring:
-    """The keyring in the file `path`, which must be `owner`'s; None: whoever's. KeyFileError, and no other."""
+def load_keyring(path: str | os.PathLike[str], owner: int | None, *, may_lack_vehicles: bool = False) -> Keyring:
+    """The keyring in the file `path`, which must be `owner`'s; None: whoever's. KeyFileError, and no other.
+
+    `may_lack_vehicles`: of those that it says to have, as one that was cut at a line's end.
+    """
     place = printable(os.fspath(path), PLACE_CHARS)
     try:
         text = _read_private(path, place).decode()
     except UnicodeDecodeError as error:
         raise DamagedKeyError(f"{place}: is not UTF-8 text at byte {error.start}") from None
     try:
-        keyring = parse_keyring(text, place)
+        keyring = parse_keyring(text, place, may_lack_vehicles=may_lack_vehicles)
     except KeyFileError as error:
         raise DamagedKeyError(str(error)) from None
     if owner is not None and keyring.owner != owner:
@@ -67,6 +71,11 @@ def load_keyring(path: str | os.PathLike[str], owner: int | None) -> Keyring:
 
 def render_keyring(keyring: Keyring) -> str:
     """The same keyring gives the same text, and `parse_keyring` of it the same keyring."""
+    return fingerprinted_text(keyring).replace("\n[vehicles]  # ", f"\n[vehicles]  # {len(keyring.vehicles)}: ")
+
+
+def fingerprinted_text(keyring: Keyring) -> str:
+    """As before a file said of how many vehicles it is: its fingerprint stays."""
     owner = f'"{OWNER_OPERATOR}"' if keyring.owner == OPERATOR else str(keyring.owner)
     lines = [
         HEAD.format(owner=owner_name(keyring.owner)) + f"format = {FORMAT}",
@@ -82,7 +91,7 @@ def render_keyring(keyring: Keyring) -> str:
     return "\n".join(lines) + "\n"
 
 
-def parse_keyring(text: str, place: str) -> Keyring:
+def parse_keyring(text: str, place: str, *, may_lack_vehicles: bool = False) -> Keyring:
     """The keyring that `render_keyring` made this text of. KeyFileError begins with `place`."""
     document = _toml(text, place)
     if not document and text.strip() in ("", NO_KEY):
@@ -114,6 +123,11 @@ def parse_keyring(text: str, place: str) -> Keyring:
         },
     )
     _check_whole(keyring, place)
+    counted = COUNTED.search(text)
+    if counted is not None and int(counted[1]) != len(keyring.vehicles) and not may_lack_vehicles:
+        raise KeyFileError(
+            f"{place}: vehicles: {len(keyring.vehicles)} of {counted[1]} are there: it may have been cut off"
+        )
     return keyring
 
 

@@ -12,7 +12,15 @@ from pathlib import Path
 import pytest
 
 from companion.keys import key_file as module
-from companion.keys.key_file import BYTES_MAX, KeyFileError, load_keyring, parse_keyring, render_keyring
+from companion.keys.fingerprints import file_fingerprint
+from companion.keys.key_file import (
+    BYTES_MAX,
+    KeyFileError,
+    fingerprinted_text,
+    load_keyring,
+    parse_keyring,
+    render_keyring,
+)
 from companion.keys.keyring import OPERATOR
 from tests.unit.keys.keys_kit import key_file, operator_of, random_bytes, secret_texts, vehicle_of
 
@@ -108,6 +116,24 @@ def test_text_that_is_wrong_is_refused_and_the_message_says_where(change: Callab
     assert message in str(refused.value)
     assert str(refused.value).startswith("key: ")
     assert not any(part in str(refused.value) for part in secret_texts(KEYRING))
+
+
+def test_file_that_is_cut_at_a_line_end_is_refused_and_says_what_is_missing():
+    lines = render_keyring(operator_of(5)).splitlines(keepends=True)
+    words = r"is missing|may have been cut off|must be a table with something in"
+    for end in range(1, len(lines)):
+        for text in ("".join(lines[:end]), "".join(lines[:end]).rstrip("\n")):
+            with pytest.raises(KeyFileError, match=words):
+                parse_keyring(text, "key")
+    with pytest.raises(KeyFileError, match=r"^key: vehicles: 3 of 5 are there: it may have been cut off$"):
+        parse_keyring("".join(lines[:-2]), "key")
+
+
+def test_file_of_an_earlier_release_says_no_number_and_is_the_same_file():
+    text = fingerprinted_text(KEYRING)
+    assert "\n[vehicles]  # Ed25519, public: vehicle's id = key\n" in text
+    assert parse_keyring(text, "key") == KEYRING
+    assert file_fingerprint(operator_of(3)) == "3ea4:c03a:eceb:bf7d:e84d"
 
 
 def test_file_of_another_vehicle_is_refused(tmp_path: Path):
