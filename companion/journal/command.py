@@ -72,8 +72,8 @@ def _lines(flight: Flight, replayed: Replayed) -> list[str]:
     if replayed.stopped:
         found.append(f"not run again from there on: {replayed.stopped}")
     verdict = "SAME" if replayed.is_same else "NOT THE SAME" if replayed.difference else "INCOMPLETE"
-    is_open = "" if replayed.is_closed else "; the box ends without being closed, and may lack ticks"
-    return [*found, f"{verdict}: {replayed.same} of {ticks} ticks, bit for bit{is_open}"]
+    cut_off = f"; {replayed.cut_off}" if replayed.cut_off else ""
+    return [*found, f"{verdict}: {replayed.same} of {ticks} ticks, bit for bit{cut_off}"]
 
 
 def _print_tick(body: Json, since_s: float) -> None:

@@ -136,8 +136,10 @@ def read_chunks(data: bytes, at: int) -> Iterator[tuple[int, bytes]]:
         rest = data[at : max(at, written)]
         if rest == end_bytes:
             return
+        if end_bytes.startswith(data[at : at + len(end_bytes) + 1]):
+            raise TornError(at, "ends without its footer")
         if end_bytes.startswith(rest):
-            raise TornError(at, "ends without its footer" if max(at, written) == len(data) else _zeros(written))
+            raise TornError(at, _zeros(written))
         if rest[0] != CHUNK:
             raise McapError(at, "bytes that are no chunk")
         try:

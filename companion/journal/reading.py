@@ -18,6 +18,8 @@ from companion.journal.segments import find_segments, segment_key
 
 SEGMENT_BYTES_MAX = 1 << 30  # more is no segment of ours
 NAMED = "vehicle-K-flight-F-S.mcap"
+# Power may be lost between two segments
+TAKEN = "the next segment is missing, or was never begun; if this one is not full, entries were taken off"
 
 
 class BlackBoxError(Exception):
@@ -81,9 +83,13 @@ class Break:
 
 @dataclass(frozen=True, slots=True)
 class CutOff:
-    """The log ends without its last entry: after a loss of power, or a process that was killed."""
+    """The log ends without being closed: after a loss of power, or a process that was killed.
+
+    `has_last_entry`: cut behind it; no tick is missing.
+    """
 
     what: str
+    has_last_entry: bool = False
 
 
 Item = Start | Recorded | Gap | Break | CutOff
@@ -113,11 +119,11 @@ def read_flight(flight: Flight) -> Iterator[Item]:
     first = min(flight.segments)
     if first > 1:
         yield Break(f"segments 1 to {first - 1} are missing")
-    end = "is empty"
+    end, is_torn = "is empty", False
     for segment, path in flight.segments.items():
         if segment > first and segment - 1 not in flight.segments:
             yield Break(f"segment {segment - 1} is missing")
-        end = ""
+        end, is_torn = "", False
         try:
             data = _file_bytes(path)
             head = mcap.read_head(data)
@@ -134,14 +140,17 @@ def read_flight(flight: Flight) -> Iterator[Item]:
                     if isinstance(item, Start) and item.body.get("vehicle") != flight.vehicle_id:
                         yield Break(f"{path.name}: is of vehicle {item.body.get('vehicle')}: its file was renamed")
         except mcap.TornError as error:  # or not closed: the next segment says whether all is there
-            end = f"{path.name}, byte {error.offset}: {error.why}"
+            end, is_torn = f"{path.name}, byte {error.offset}: {error.why}", True
         except mcap.McapError as error:
             end = f"{path.name}, byte {error.offset}: {error.why}"
             yield Break(end)
-    if not chain.has_ended:  # power may be lost between two segments
-        last = flight.segments[max(flight.segments)].name
-        taken = "the next segment is missing, or was never begun; if this one is not full, entries were taken off"
-        yield CutOff(end or f"{last} has no last entry: {taken}")
+    last = flight.segments[max(flight.segments)].name
+    yield from _cut_off(chain, end or f"{last} has no last entry: {TAKEN}", is_torn=is_torn)
+
+
+def _cut_off(chain: _Chain, what: str, *, is_torn: bool) -> Iterator[CutOff]:
+    if not chain.has_ended or is_torn:
+        yield CutOff(what, has_last_entry=chain.has_ended)
 
 
 def _file_bytes(path: Path) -> bytes:

@@ -36,7 +36,7 @@ class Replayed:
     difference: list[str] = field(default_factory=list)  # the first, in lines; empty: there is none
     stopped: str = ""  # why ticks from somewhere on could not be run again
     ends: str = ""  # how the log ends
-    is_closed: bool = True  # it has its last entry, as far as it was read
+    cut_off: str = ""  # that it ends without being closed, in words; empty: it was closed, as far as it was read
     head: str = ""  # the last link of the chain
     began_s: float | None = None  # the first tick that is there, on the companion's clock
 
@@ -85,11 +85,19 @@ def replay_flight(
                 replayed.breaks.append(item.what)
             replayed.stopped = replayed.stopped or "the chain is broken there"
         elif isinstance(item, CutOff):
-            replayed.is_closed = False
-            replayed.ends = f"without being closed: {item.what}"
+            _note_cut(item, replayed)
     if not replayed.start:
         replayed.stopped = replayed.stopped or "the beginning is missing"
     return replayed
+
+
+def _note_cut(item: CutOff, replayed: Replayed) -> None:
+    if item.has_last_entry:
+        replayed.cut_off = "the box is cut off behind its last entry"
+        replayed.ends += f", and is cut off there: {item.what}"
+    else:
+        replayed.cut_off = "the box ends without being closed, and may lack ticks"
+        replayed.ends = f"without being closed: {item.what}"
 
 
 def _replay_one(

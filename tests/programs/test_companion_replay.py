@@ -127,6 +127,20 @@ def test_a_box_whose_last_entries_were_taken_off_is_told_as_not_closed(
     assert ends.startswith(f"  ends: without being closed: {flight.segments[1].name} has no last entry: the next segm")
 
 
+@pytest.mark.parametrize("count", [1, 8, 50])
+def test_a_box_whose_file_is_cut_behind_its_last_entry_is_told_as_that(
+    count: int, flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its footer is missing, or a part: as little as a byte."""
+    file = flight.segments[1]
+    file.write_bytes(file.read_bytes()[:-count])
+    at = file.stat().st_size - 50 + count
+    assert cli.main(["replay", str(tmp_path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-1] == "SAME: 40 of 40 ticks, bit for bit; the box is cut off behind its last entry"
+    assert f"  ends: ended at 1.950 s, and is cut off there: {file.name}, byte {at}: ends without its footer" in lines
+
+
 def test_a_box_that_a_full_disk_has_cut_is_told_as_not_closed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -177,9 +177,9 @@ def test_a_log_cut_at_any_byte_is_read_to_its_last_whole_chunk(flight: Flight) -
         expected = max((count for at, count in whole if at <= size), default=0)
         assert sum(isinstance(item, Recorded) and not item.is_end for item in items) == expected
         assert breaks(items) == []
-        assert isinstance(items[-1], CutOff) == (size < ended_at)
-        if isinstance(items[-1], CutOff):
-            assert f"{path.name}, byte " in items[-1].what
+        assert isinstance(items[-1], CutOff)
+        assert items[-1].has_last_entry == (size >= ended_at)
+        assert f"{path.name}, byte " in items[-1].what
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 0.9])
