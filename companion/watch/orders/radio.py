@@ -70,12 +70,14 @@ class OrderClerk:
         if sent is None:
             return None
         heard, waits_for = self._station.vehicles(now_s), self._station.waits_for(now_s)
+        aborted = self._station.overruled(now_s)
         return {
             "kind": sent.kind.name,
             "hand_back": sent.hand_back,
             "number": sent.number,
             "age_s": now_s - sent.at_s,
-            "acting": [k for k in heard if k not in waits_for],
+            "acting": [k for k in heard if k not in waits_for and k not in aborted],
+            "aborted": aborted,
             "waits_for": waits_for,
             "not_heard": [k for k in range(1, self._size + 1) if k not in heard],
         }

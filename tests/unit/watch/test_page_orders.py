@@ -302,10 +302,22 @@ def test_page_is_told_who_acts_on_it_and_who_does_not() -> None:
         "number": 1,
         "age_s": 1.5,
         "acting": [1],
+        "aborted": [],
         "waits_for": [2],
         "not_heard": [3, 4],
     }
     json.dumps(one.picture(), allow_nan=False)
+
+
+def test_land_behind_an_abort_is_not_told_as_acted_on() -> None:
+    """Whoever gave the abort: the page, or another program of the operator."""
+    one = Clerk()
+    one.ground.hear(1, state=FlightState.TRANSIT, airborne=True)
+    assert one.order(OrderKind.LAND).status == HTTPStatus.OK
+    one.ground.hear(1, state=FlightState.LANDING, airborne=True, abort=True)
+    one.ground.hear(2, state=FlightState.LANDING, airborne=True)
+    sent = one.picture()["sent"]
+    assert (sent["kind"], sent["acting"], sent["aborted"], sent["waits_for"]) == ("LAND", [2], [1], [])
 
 
 def test_vehicle_that_is_handed_back_is_told() -> None:

@@ -114,10 +114,17 @@ test("hold, land and abort are asked about in a sentence", () => {
 });
 
 test("progress names who acts on it, who does not, and who is not heard", () => {
-  const sent = { kind: "HOLD", acting: [1, 2], waits_for: [4], not_heard: [3] };
+  const sent = { kind: "HOLD", acting: [1, 2], aborted: [], waits_for: [4], not_heard: [3] };
   assert.deepEqual(progressOf(sent), ["HOLD: acting on it: 1, 2", "HOLD: heard, and not acting on it: 4", "Not heard: 3"]);
-  assert.deepEqual(progressOf({ kind: "ABORT", acting: [], waits_for: [], not_heard: [] }), ["ABORT: nobody is heard to act on it"]);
+  assert.deepEqual(progressOf({ kind: "ABORT", acting: [], aborted: [], waits_for: [], not_heard: [] }), ["ABORT: nobody is heard to act on it"]);
   assert.deepEqual(progressOf(null), []);
+});
+
+test("a land behind an abort is told as the abort that stays", () => {
+  const sent = { kind: "LAND", acting: [], aborted: [1, 2], waits_for: [], not_heard: [] };
+  assert.deepEqual(progressOf(sent), ["LAND: ABORT stays in force, which is above it: 1, 2"]);
+  const some = { ...sent, acting: [3], aborted: [1] };
+  assert.deepEqual(progressOf(some), ["LAND: ABORT stays in force, which is above it: 1", "LAND: acting on it: 3"]);
 });
 
 test("only a vehicle that a pilot has is handed back", () => {

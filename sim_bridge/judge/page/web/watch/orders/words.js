@@ -31,9 +31,10 @@ export const releasedOf = (vehicles) => vehicles.filter((one) => one.state === "
 // Of the last order, whoever gave it.
 export function progressOf(sent) {
   if (!sent) return [];
-  const { kind, acting, waits_for: waiting, not_heard: silent } = sent;
+  const { kind, acting, aborted, waits_for: waiting, not_heard: silent } = sent;
   return [
-    `${kind}: ${acting.length ? `acting on it: ${list(acting)}` : "nobody is heard to act on it"}`,
+    aborted.length && `${kind}: ABORT stays in force, which is above it: ${list(aborted)}`,
+    (acting.length || !aborted.length) && `${kind}: ${acting.length ? `acting on it: ${list(acting)}` : "nobody is heard to act on it"}`,
     waiting.length && `${kind}: heard, and not acting on it: ${list(waiting)}`,
     silent.length && `Not heard: ${list(silent)}`,
   ].filter(Boolean);
