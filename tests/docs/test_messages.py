@@ -47,6 +47,7 @@ WIDEST = {
     "apart_m": "111.4",
     "expected_m": "108.0",
     "off_m": "1000",
+    "where": "on the ground",
     "lease.leader": "250",
     "self.recovery.stage.value": max([stage.value for stage in Stage], key=len),
     "ask.request.value": "offboard",

@@ -217,6 +217,7 @@ class Localiser(ABC):
             now_s,
             may_begin=now_s >= self._reports_silent_from_s,
             heard_elsewhere=[k for k in self.silent if self.peers.is_heard_elsewhere(k, own_pos_ned_m, now_s)],
+            on_ground=[k for k, seen in self.silent.items() if not seen.received and self.peers.was_on_ground(k)],
         )
         self.neighbours = self.peers.neighbours(own_pos_ned_m, now_s, within_m=self._reach_m)
         self.relayed = self.peers.relayed(own_pos_ned_m, now_s)

@@ -230,6 +230,11 @@ class PeerTable:
         """A member says that it hears that one."""
         return bool(self._reports.heard_places(vehicle, own_pos_ned_m, now_s))
 
+    def was_on_ground(self, vehicle: int) -> bool:
+        """By its last beacon that was heard here."""
+        heard = self._vouched().get(vehicle)
+        return heard is not None and not heard.beacon.airborne
+
     def _vouched(self) -> Mapping[int, PeerContact]:
         """By ascending id, the last contact with each vehicle for which its sender vouches, or the only one."""
         return {k: self._doubted.get(k, heard) for k, heard in self._heard.items()} if self._doubted else self._heard

@@ -41,10 +41,12 @@ class SilenceReports:
         *,
         may_begin: bool,
         heard_elsewhere: Collection[int] = (),
+        on_ground: Collection[int] = (),
     ) -> list[Say]:
         """The news of this tick. `may_begin`: this companion has listened for long enough to call others silent.
 
-        `heard_elsewhere`: those that a member says it hears.
+        `heard_elsewhere`: those that a member says it hears. `on_ground`: when they were heard last; they may have
+        taken off since.
         """
         if not silent and not self._said:
             return []
@@ -59,7 +61,8 @@ class SilenceReports:
                 after_s = QUIET_MAX_S
             if vehicle not in self._said and may_begin and silent[vehicle].age_s >= after_s:
                 self._said.add(vehicle)
-                news.append(Say(Severity.WARNING, f"vehicle {vehicle} link lost in the air: keeping clear"))
+                where = "on the ground" if vehicle in on_ground else "in the air"
+                news.append(Say(Severity.WARNING, f"vehicle {vehicle} link lost {where}: keeping clear"))
         for vehicle in sorted(self._said - silent.keys()):
             if now_s - self._heard_s.setdefault(vehicle, now_s) >= REGAINED_S:
                 del self._heard_s[vehicle]

@@ -47,9 +47,7 @@ def said(capsys: pytest.CaptureFixture[str], folder: Path, *words: str, code: in
 
 
 def secrets_in(folder: Path) -> set[str]:
-    return {
-        part for path in folder.glob("*.key") for part in secret_texts(load_keyring(path, None, may_lack_vehicles=True))
-    }
+    return {part for k in folder.glob("*.key") for part in secret_texts(load_keyring(k, None, may_lack_vehicles=True))}
 
 
 def step_in(folder: Path) -> Step:

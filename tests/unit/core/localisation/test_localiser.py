@@ -76,6 +76,19 @@ def test_after_its_own_stall_a_companion_calls_none_silent_before_it_has_listene
     assert texts(localiser) == ["vehicle 2 link lost in the air: keeping clear"]
 
 
+def test_one_that_was_stopped_on_the_ground_is_not_said_to_be_in_the_air_but_kept_clear_of() -> None:
+    """It was ready when the swarm took off, so it may be in the air by now."""
+    localiser = GnssLocaliser(MISSION, ME)
+    localiser.receive_beacon(heard_beacon(2, airborne=False, state=FlightState.READY), HERE, 10.0)
+    localiser.receive_beacon(heard_beacon(3, airborne=True, state=FlightState.TAKING_OFF), HERE, 10.0)
+    look(localiser, 10.0 + SAY_AFTER_S)
+    assert list(localiser.silent) == [2, 3]
+    assert texts(localiser) == [
+        "vehicle 2 link lost on the ground: keeping clear",
+        "vehicle 3 link lost in the air: keeping clear",
+    ]
+
+
 def test_what_has_waited_through_a_stall_is_dropped_whatever_it_says() -> None:
     localiser = GnssLocaliser(MISSION, ME)
     localiser.receive_beacon(flying(1000), HERE, 10.0)

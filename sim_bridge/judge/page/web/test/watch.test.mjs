@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { Labels } from "../src/map/labels.js";
 import { Silenced, keyOf, standing } from "../watch/alarms.js";
-import { factsOf, roleOf, unknown } from "../watch/panel.js";
+import { factsOf, peerReports, roleOf, unknown } from "../watch/panel.js";
 import { age, aged, summaryOf } from "../watch/picture.js";
 import { Plane, cornerOf, tileAt } from "../src/map/plane.js";
 import { fakeContext } from "./kit.mjs";
@@ -76,4 +76,13 @@ test("labels keep clear of each other, and stay on the map", () => {
   const heights = labels.taken.map(({ y }) => y);
   assert.ok(heights.every((y) => y <= 191));
   assert.ok(Math.abs(heights[0] - heights[1]) >= 18, String(heights));
+});
+
+test("a vehicle that was on the ground when it was heard last is not said to be lost in the air", () => {
+  const told = [{ id: 3, by: 2, age_s: 4, silent: true, place: [47, 8] }];
+  const line = (vehicles) => peerReports({ told, vehicles })[0];
+  assert.match(line([{ id: 3, airborne: false, age_s: 4.5 }]), /^Vehicle 3: link lost on the ground, last 4.0 s ago; reported by 2/);
+  assert.match(line([{ id: 3, airborne: false, age_s: 60 }]), /link lost in the air/); // not heard here since, but there
+  assert.match(line([{ id: 3, airborne: true, age_s: 4.5 }]), /link lost in the air/);
+  assert.match(line([]), /link lost in the air/);
 });

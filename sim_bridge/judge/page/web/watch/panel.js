@@ -49,9 +49,12 @@ export class Card {
   }
 }
 
-export function peerReports({ told }) {
+export function peerReports({ told, vehicles }) {
+  // Own beacons from after its last one there say more than the report.
+  const onGround = ({ id, age_s: reported }) => vehicles.some((own) => own.id === id && !own.airborne && own.age_s <= reported + 1);
   return told.map((one) => {
-    const what = one.silent ? "link lost in the air" : "received";
+    const where = onGround(one) ? "on the ground" : "in the air";
+    const what = one.silent ? `link lost ${where}` : "received";
     return `Vehicle ${one.id}: ${what}, last ${age(one.age_s)} ago; reported by ${one.by}${one.place ? "" : ", without position"}.`;
   });
 }
