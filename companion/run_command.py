@@ -29,6 +29,7 @@ from companion.sensors.table import SENSORS, kinds_of, sensors_of
 from companion.shell.box.opening import box_folder, file_in_the_way, open_black_box, read_mission_file
 from companion.shell.flight_log import ChangeLogger, FlightLog, summary
 from companion.shell.links import RECV_BYTES, Link, LinkError, open_link
+from companion.shell.orders import OldOrdersError
 from companion.shell.radio_keys import NoKeyError, RadioKeys, choose_key, open_keys
 from companion.shell.runner import Runner, Stop
 from companion.shell.service import Service
@@ -244,9 +245,11 @@ def _radio_keys(key: str | None, arguments: argparse.Namespace, mission: Mission
         )
     except KeyFileError as error:
         raise RefusedError(EXIT_REFUSED, f"--key {error}") from None
+    except OldOrdersError as error:
+        raise RefusedError(EXIT_REFUSED, str(error)) from None
     except OSError as error:
         raise RefusedError(
-            EXIT_ENVIRONMENT, f"the file of the operator's orders: {error.strerror}: {error.filename}"
+            EXIT_ENVIRONMENT, f"the file of the operator's orders: {error.filename}: {error.strerror}"
         ) from None
 
 

@@ -71,6 +71,13 @@ def pytest_report_header() -> str:
     return f"understory: {STATE}; its programs: {why_pure() or 'compiled'}"
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _users_state_stays_as_it_is(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as environment:
+        environment.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        yield
+
+
 @pytest.fixture(params=["path", "abstract"])
 def manager(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Manager]:
     """A service manager that listens, by both kinds of name."""

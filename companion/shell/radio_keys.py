@@ -60,7 +60,7 @@ def open_keys(
     beside_loop: bool,
     signs_autopilot: bool,
 ) -> RadioKeys:
-    """`key`, `mission`: files; `key` None: unsigned. KeyFileError; OSError: no folder for the orders' file."""
+    """`key`, `mission`: files; `key` None: unsigned. KeyFileError, OldOrdersError; OSError: no folder for orders."""
     if key is None:
         return RadioKeys(None, None, [UNSIGNED])
     weakness = harden_process()

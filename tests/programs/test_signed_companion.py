@@ -108,6 +108,15 @@ def test_log_shows_whose_key_it_is_and_no_secret(mission: Path, fleet: Path) -> 
     assert not any(word in log for word in hexadecimal)
 
 
+def test_orders_that_an_earlier_release_kept_here_are_to_be_moved(mission: Path, fleet: Path) -> None:
+    (mission.parent / "orders-1").touch()
+    words = ("run", "--mission", str(mission), "--id", "1", "--autopilot", URL, "--peers", URL)
+    command = [sys.executable, "-m", "companion.cli", *words, "--key", str(fleet / "vehicle-1.key")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False, cwd=mission.parent)
+    assert done.returncode == 2
+    assert done.stderr.startswith("companion: orders-1: here, where an earlier release kept which orders")
+
+
 @pytest.mark.parametrize("file", ["vehicle-2.key", "operator.key", "none.key"])
 def test_key_of_another_is_refused(mission: Path, fleet: Path, file: str) -> None:
     links = ("--autopilot", URL, "--peers", URL)

@@ -10,6 +10,49 @@ import pytest
 
 from companion.shell import order_marks
 from companion.shell.order_marks import FileMarks, write_durably
+from companion.shell.orders import OldOrdersError, orders_path
+from companion.shell.service import STATE
+
+
+def test_file_is_beside_the_log_or_where_state_is_kept_and_never_where_one_happens_to_be(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    assert orders_path(str(tmp_path / "flight.log"), 3) == tmp_path / "orders-3"
+    monkeypatch.setenv(STATE, "/var/lib/understory")
+    assert orders_path(None, 3) == Path("/var/lib/understory/orders-3")
+    monkeypatch.delenv(STATE)
+    assert orders_path(None, 3) == tmp_path / "state" / "understory" / "orders-3"
+    assert (tmp_path / "state" / "understory").stat().st_mode & 0o777 == 0o700
+    monkeypatch.setenv("XDG_STATE_HOME", "state")  # must be absolute
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    assert orders_path(None, 3) == tmp_path / "home" / ".local" / "state" / "understory" / "orders-3"
+    (tmp_path / "home" / ".local" / "state" / "understory").rmdir()
+    (tmp_path / "home" / ".local" / "state" / "understory").touch()
+    with pytest.raises(FileExistsError):
+        orders_path(None, 3)
+
+
+def test_file_that_an_earlier_release_left_here_is_not_passed_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else an order that it has seen would count as new."""
+    folder = tmp_path / "state" / "understory"
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv(STATE, raising=False)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    (tmp_path / "orders-3").write_bytes(b"one")
+    with pytest.raises(OldOrdersError, match=f"^orders-3: here, where .* seen: move the file to {folder}$"):
+        orders_path(None, 3)
+    assert orders_path(None, 2) == folder / "orders-2"
+    (folder / "orders-3").write_bytes(b"two")
+    with pytest.raises(OldOrdersError, match=f"move the one of both that is newer to {folder}$"):
+        orders_path(None, 3)
+    (tmp_path / "orders-3").unlink()
+    assert orders_path(None, 3) == folder / "orders-3"
+    monkeypatch.chdir(folder)
+    assert orders_path(None, 3) == folder / "orders-3"
 
 
 def test_what_was_saved_is_there_after_a_restart_and_the_owners_alone(tmp_path: Path) -> None:
