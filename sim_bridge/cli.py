@@ -177,6 +177,7 @@ def _main(argv: Sequence[str] | None) -> int:
             args = build_parser(command).parse_args(argv)
             # Only now: --help and --version need none of these, and without the extra they are not there
             program = importlib.import_module(MODULES[args.command])
+            from mission.common.files import os_words
             from mission.common.problems import MissionError
             from sim_bridge.errors import StartError
             from sim_bridge.world.airframe.base import AirframeError
@@ -194,11 +195,14 @@ def _main(argv: Sequence[str] | None) -> int:
         _print_error(error)
         return error.exit_code
     except FileExistsError as error:
-        _print_error(error)
+        _print_error(os_words(error))
         return USAGE
-    except (AirframeError, OSError) as error:
+    except AirframeError as error:
+        _print_error(error)
+        return ENVIRONMENT
+    except OSError as error:
         if not (isinstance(error, BrokenPipeError) and _has_no_reader(sys.stdout)):
-            _print_error(error)
+            _print_error(os_words(error))
         return ENVIRONMENT
     return code
 

@@ -27,6 +27,7 @@ from companion.sensors.view import BAND_M, describe_view
 from companion.shell.links import Link, LinkError, open_link, resolved
 from companion.shell.urls import Scheme, Url, UrlError, is_ipv4, parse_url
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
+from mission.common.files import os_words
 from mission.common.problems import printable
 from mission.common.signals import Stop
 from mission.schema.kinds import RAW_LIDARS, SensorClass
@@ -55,8 +56,10 @@ def read_lidar(arguments: argparse.Namespace) -> int:
             if arguments.check:
                 return _check(arguments, limits, mounting, opened)
             _send(arguments, limits, mounting, opened)
-        except (LinkError, OSError, UrlError) as error:
+        except (LinkError, UrlError) as error:
             return _refused(EXIT_ENVIRONMENT, str(error))
+        except OSError as error:
+            return _refused(EXIT_ENVIRONMENT, os_words(error))
     return EXIT_DONE
 
 

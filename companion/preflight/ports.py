@@ -13,6 +13,7 @@ from serial.tools import list_ports
 
 from companion.preflight.report import Check, doubt, good, problem
 from companion.shell.urls import Scheme, Url
+from mission.common.files import os_words
 
 DEV = Path("/dev")
 UNLISTED = "ttyTHS*"  # a Jetson's, which pyserial's list does not have
@@ -76,8 +77,10 @@ def udp_port(url: Url) -> Check:
     name = f"udp {url.number}"
     try:
         bound = [(c.laddr.ip, c.laddr.port, c.pid) for c in psutil.net_connections("udp") if c.laddr]
-    except (psutil.AccessDenied, OSError) as error:
+    except psutil.AccessDenied as error:
         return doubt(name, f"cannot be read: {error}", "free", "run it as root")
+    except OSError as error:
+        return doubt(name, f"cannot be read: {os_words(error)}", "free", "run it as root")
     found = ", ".join(sorted(f"{ip}:{port} by {_program(pid)}" for ip, port, pid in bound if port == url.number))
     if not found:
         return good(name, "free", "free")

@@ -18,6 +18,7 @@ from typing import Final, Protocol
 from companion.mavlink.harvest import StandUpdate
 from companion.records.summary import StandSummary, decode_summary
 from companion.stand.update import PERIOD_S, update_of
+from mission.common.files import os_words
 
 BUSY_SHARE: Final = 0.05  # of one core at most, on the average: one that took 2 s is followed by 40 s without
 ANSWER_S: Final = 120.0  # longer, and the child is ended; so long, too, until it is tried again
@@ -183,5 +184,5 @@ class FusionProcess:
                 self._told.put(self._child.request_summary())
             except (FusionError, OSError) as error:
                 self._child.end()
-                self._told.put(FusionError(str(error)))
+                self._told.put(FusionError(os_words(error) if isinstance(error, OSError) else str(error)))
         self._child.end()

@@ -12,6 +12,7 @@ from companion.stand.fusion.fuse import TooManyError
 from companion.stand.products.write import describe_products, write_products
 from companion.stand.records import RecordsError, check_mission, count_set_apart, read_stores
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
+from mission.common.files import os_words
 from mission.common.problems import MissionError
 from mission.document.load import load_mission
 
@@ -45,7 +46,7 @@ def stand(arguments: argparse.Namespace) -> int:
         print(error, file=sys.stderr)
         return EXIT_BAD_FILE
     except OSError as error:
-        print(f"companion: {error}", file=sys.stderr)
+        print(f"companion: {os_words(error)}", file=sys.stderr)
         return EXIT_ENVIRONMENT
     print("\n".join([*lines, *doubts]))
     apart = sum(count_set_apart(store) for store in stores)

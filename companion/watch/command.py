@@ -35,6 +35,7 @@ from mission import __version__
 from mission.basemap.chart import Chart, ChartError
 from mission.basemap.charts import open_chart
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
+from mission.common.files import os_words
 from mission.common.frames import LocalFrame, enu_to_ned
 from mission.common.network import own_addresses
 from mission.common.problems import MissionError, printable
@@ -77,8 +78,10 @@ def watch(arguments: argparse.Namespace) -> int:
             return _refused(EXIT_BAD_FILE, f"companion: --key {error}")
         except (ChartError, ValueError) as error:
             return _refused(EXIT_BAD_FILE, f"companion: {error}")
-        except (LinkError, OSError) as error:
+        except LinkError as error:
             return _refused(EXIT_ENVIRONMENT, f"companion: {error}")
+        except OSError as error:
+            return _refused(EXIT_ENVIRONMENT, f"companion: {os_words(error)}")
         opened.callback(server.server_close)
         stop = opened.enter_context(Stop())
         thread = threading.Thread(target=server.serve_forever, daemon=True)

@@ -32,7 +32,9 @@ def open_chart(path: Path, zone: Zone | None = None) -> Chart:
             return Image(path, kind, zone)
     except (struct.error, IndexError):
         raise ChartError(f"{path}: is cut short: it ends inside its header") from None
-    except (OSError, sqlite3.Error, ValueError, OverflowError) as error:
+    except OSError as error:
+        raise ChartError(f"{path}: cannot be read as a map: {error.strerror or error}") from None
+    except (sqlite3.Error, ValueError, OverflowError) as error:
         raise ChartError(f"{path}: cannot be read as a map: {error}") from None
     raise ChartError(f"{path}: must be .mbtiles, or a .png, .jpg or .webp with its world file")
 

@@ -18,6 +18,16 @@ _OS_REASONS = {
 }
 
 
+def os_words(error: OSError) -> str:
+    """For people, without its number: `FILE: no such file`, where it names one. One that has none is as it was said."""
+    if error.errno is None:
+        return str(error)
+    reason = error.strerror or os.strerror(error.errno)
+    if reason == os.strerror(error.errno):
+        reason = _OS_REASONS.get(error.errno, reason)
+    return reason if error.filename is None else f"{printable(str(error.filename), MAX_PLACE_CHARS)}: {reason}"
+
+
 def refused(place: str, line: int | None, message: str) -> MissionError:
     """A problem with the file as a whole."""
     return MissionError([Problem(place, line, "", "", message)])

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Final
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from mission.common.files import os_words
 from mission.common.problems import MissionError, printable
 from mission.edit.draft import SaveError
 from mission.edit.editor import Editor
@@ -148,7 +149,9 @@ class Api:
         try:
             self._flight.start(draft.path.name, draft.text, self._editor.stem_file(), draft.revision)
         except OSError as error:
-            raise RefusalError(HTTPStatus.SERVICE_UNAVAILABLE, f"cannot fly: {printable(str(error), 200)}") from None
+            raise RefusalError(
+                HTTPStatus.SERVICE_UNAVAILABLE, f"cannot fly: {printable(os_words(error), 200)}"
+            ) from None
         return {"flight": self._flight.describe()}
 
     def _stop(self, _: _AtRevision) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from mission.common.files import os_words
 from sim_bridge.conformance import table
 from sim_bridge.conformance.compare import compare
 from sim_bridge.conformance.explained import judge
@@ -28,8 +29,11 @@ def run(args: argparse.Namespace) -> int:
         return USAGE
     try:
         report = conformance(paths)
-    except (RecordingError, OSError) as error:
+    except RecordingError as error:
         print(f"sim-bridge: {error}", file=sys.stderr)
+        return USAGE
+    except OSError as error:
+        print(f"sim-bridge: {os_words(error)}", file=sys.stderr)
         return USAGE
     if args.json:
         print(json.dumps(report.as_dict()))

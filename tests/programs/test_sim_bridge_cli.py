@@ -87,10 +87,32 @@ def test_a_missing_library_is_named_with_what_to_install(
     assert f"{module} is not installed: in the checkout, pip install -e '.[sim]'" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (["conformance", "none.tlog"], 2, "none.tlog: no such file"),
+        (["conformance", "."], 2, ".: is a directory: must be a file"),
+        (["search", "--flights", "1", "--out", "file/run"], 3, "file/run: Not a directory"),
+    ],
+)
+def test_an_error_of_a_file_is_told_in_words(
+    words: list[str],
+    code: int,
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").touch()
+    assert cli.main(words) == code
+    assert capsys.readouterr().err == f"sim-bridge: {said}\n"
+
+
 @pytest.mark.parametrize("how", [[], ["-u"]])  # -u: each line is written at once
 @pytest.mark.parametrize(
     ("reader", "said"),
-    [("pipe", ""), ("/dev/full", "sim-bridge: [Errno 28] No space left on device\n")],
+    [("pipe", ""), ("/dev/full", "sim-bridge: No space left on device\n")],
 )
 def test_a_reader_that_leaves_early_is_no_error_to_tell_of(
     reader: str, said: str, how: list[str], tmp_path: Path
