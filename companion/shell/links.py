@@ -5,10 +5,10 @@ What happens in flight (no route, nobody listening, a full buffer, an unplugged 
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import socket
-import termios
 import time
 from typing import Protocol
 
@@ -16,12 +16,14 @@ import serial
 
 from companion.mavlink.framing.frames import DATAGRAM_MAX_BYTES
 from companion.shell.floods import drop_longer, dropped_of
+from companion.shell.serial_port import ERRORS, PortOpening
 from companion.shell.urls import Scheme, Url, is_ipv4
 
 RECV_BYTES = 65536  # the longest UDP datagram
 OTHER_END_S = 3.0  # silent for longer, another may take its place: a router that was started again has another port
 QUEUE_BYTES = 1 << 20  # asked of the kernel, which may give less: a swarm's beacons while this process is not scheduled
 REOPEN_S = 1.0
+OPEN_S = 1.0  # that a port which may be absent is waited for at the start
 ABSENT = frozenset({errno.ENOENT, errno.ENXIO, errno.ENODEV})  # a serial device, not (yet) plugged in
 
 
@@ -244,7 +246,7 @@ class SerialLink:
     pyserial only opens and configures: its non-blocking `write` spins while the port's buffer is full.
     """
 
-    __slots__ = ("_dtr", "_port", "_rest", "_retry_s", "_url", "errors")
+    __slots__ = ("_dtr", "_opening", "_port", "_rest", "_retry_s", "_url", "errors")
 
     def __init__(self, url: Url, *, may_be_absent: bool, dtr: bool = True) -> None:
         self.errors = 0
@@ -253,9 +255,11 @@ class SerialLink:
         self._rest = b""  # of a datagram that the port has taken only in part: a frame cut short spoils the next
         self._retry_s = 0.0
         self._port: serial.Serial | None = None
+        self._opening: PortOpening | None = PortOpening(url, dtr=dtr)
+        self._opening.wait(OPEN_S if may_be_absent else None)
         try:
-            self._port = _serial_port(url, dtr=dtr)
-        except (OSError, ValueError, termios.error) as error:
+            self._take_opened()
+        except ERRORS as error:
             if not (may_be_absent and getattr(error, "errno", None) in ABSENT):
                 raise _serial_refused(url, error) from None
 
@@ -301,6 +305,12 @@ class SerialLink:
 
     def close(self) -> None:
         """For good."""
+        if self._opening is not None:
+            self._opening.give_up()
+        self._opening = None
+        self._close_port()
+
+    def _close_port(self) -> None:
         if self._port is not None:
             self._port.close()
         self._port = None
@@ -320,18 +330,23 @@ class SerialLink:
     def _lost(self) -> None:
         self.errors += 1
         self._rest = b""
-        self.close()
+        self._close_port()
 
     def _reopen(self) -> None:
+        """Begins to, and takes the port when it is open: no turn of the loop waits for a device."""
         now_s = time.monotonic()
-        if now_s < self._retry_s:
-            return
-        self._retry_s = now_s + REOPEN_S
-        try:
-            self._port = _serial_port(self._url, dtr=self._dtr)
-        except (OSError, ValueError, termios.error):
-            self._port = None
-        self._rest = b""
+        if self._opening is None and now_s >= self._retry_s:
+            self._retry_s = now_s + REOPEN_S
+            self._opening = PortOpening(self._url, dtr=self._dtr)
+        with contextlib.suppress(*ERRORS):
+            self._take_opened()
+
+    def _take_opened(self) -> None:
+        """One of ERRORS."""
+        opening = self._opening
+        if opening is not None and opening.is_done:
+            self._opening, self._rest = None, b""
+            self._port = opening.take_port()
 
 
 def _udp_socket(datagram_max_bytes: int) -> socket.socket:
@@ -366,15 +381,6 @@ def udp_refused(url: Url, error: OSError) -> LinkError:
         case _:
             fix = f"cannot be opened: {error.strerror or error}"
     return LinkError(f"{url}: {fix}")
-
-
-def _serial_port(url: Url, *, dtr: bool) -> serial.Serial:
-    # inter_byte_timeout=0 sets VMIN to 1: without data a read then fails with EAGAIN, and b"" means unplugged.
-    port = serial.Serial(None, url.number, timeout=0, inter_byte_timeout=0, exclusive=True)
-    port.port = url.place
-    port.dtr = dtr
-    port.open()
-    return port
 
 
 def _serial_refused(url: Url, error: Exception) -> LinkError:

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from companion.shell import order_marks
-from companion.shell.order_marks import FileMarks, write_durably
-from companion.shell.orders import OldOrdersError, orders_path
+from companion.shell import orders
+from companion.shell.orders import FileMarks, OldOrdersError, orders_path, write_durably
 from companion.shell.service import STATE
 
 
@@ -96,7 +95,7 @@ def test_write_that_is_not_waited_for_keeps_nobody_waiting_and_an_older_never_re
         written.append(data)
         write_durably(path, data)
 
-    monkeypatch.setattr(order_marks, "write_durably", slow)
+    monkeypatch.setattr(orders, "write_durably", slow)
     marks = FileMarks(tmp_path / "orders")
     marks.save(b"1", wait=False)
     assert begun.wait(10.0)
