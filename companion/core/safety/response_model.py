@@ -93,6 +93,10 @@ class ResponseModel:
             return max(-BACK_OFF_MAX_MPS, BACK_OFF_PER_S * room_m)
         return _stops_from_mps(room_m, REACTION_S, self.braking_mps2)
 
+    def stopping_m(self, speed_mps: float) -> float:
+        """The way in which `closing_mps` brings it to rest before a limit."""
+        return speed_mps * REACTION_S + speed_mps * speed_mps / (2.0 * self.braking_mps2)
+
     def behind_mps(self, room_m: float, its_mps: float) -> float:
         """Speed to fly at behind one at `its_mps` that may brake by all it has; towards one, as `closing_mps`."""
         if its_mps <= 0.0:

@@ -225,13 +225,14 @@ class SafetyFilter:
     def separations(self, around: Surroundings, drift_ned_mps: Vec3 = ZERO) -> list[Bound]:
         """Bounds on closing on each of the others: of the commanded velocity, which the drift amends.
 
-        Among trees those that give way may stop at once, before a trunk. One whose beacon is overdue may hover silent,
-        too; where others hear one that this vehicle does not counts as where that one hovers. One that its autopilot
-        takes up from below, or down from above, is kept from at every height.
+        Among trees those that give way may stop at once, before a trunk; in the open those that the fence stops. One
+        whose beacon is overdue may hover silent, too; where others hear one that this vehicle does not counts as where
+        that one hovers. One that its autopilot takes up from below, or down from above, is kept from at every height.
         """
         response, unsure_m = self.response, min(around.error_m, ERROR_COUNTS_M)
         bounds = to_commanded(self._separations_from_still(around, unsure_m), drift_ned_mps)
         own_x, own_y, own_z = around.own.vel_ned_mps
+        fence_m = math.inf if self.senses else self._fence_m(around.placed.pos_ned_m)
         drift_x, drift_y, drift_z = drift_ned_mps
         for neighbour in around.neighbours:  # written out: this runs for every neighbour in every tick
             distance_m = neighbour.distance_m
@@ -250,6 +251,8 @@ class SafetyFilter:
                 shared_mps = response.closing_mps(room_m) / 2.0 + self._believed((own_mps + its_mps) / 2.0)
                 if self.senses:
                     shared_mps = min(shared_mps, response.behind_mps(room_m + UNSHARED_M, self._believed(its_mps)))
+                elif its_mps > 0.0 and distance_m + response.stopping_m(self._believed(its_mps)) > fence_m:
+                    shared_mps = min(shared_mps, response.behind_mps(room_m, self._believed(its_mps)))
                 most_mps = shared_mps if error_m <= 0.0 else min(most_mps, shared_mps)
             if unsure_m > 0.0:  # it slows: who does not know where it is pushes away from nobody by that
                 unsure_mps = response.closing_mps(room_m - unsure_m) + self._believed(its_mps)
@@ -257,6 +260,12 @@ class SafetyFilter:
             bounds.append(Bound(n, most_mps - (x * drift_x + y * drift_y + z * drift_z)))
         bounds += self._separations_from_seen(around.seen, around.own.vel_ned_mps, drift_ned_mps)
         return bounds
+
+    def _fence_m(self, pos_ned_m: Vec3) -> float:
+        """Level distance to the nearest side of the fence; infinite outside, and without one."""
+        if not self.polygon_m or not is_inside(pos_ned_m[0], pos_ned_m[1], self.polygon_m):
+            return math.inf
+        return min([norm(side) for side in to_edges(pos_ned_m, self.polygon_m)])
 
     def _separations_from_still(self, around: Surroundings, unsure_m: float) -> list[Bound]:
         """Bounds of the true velocity on closing on places, and on columns in which a vehicle climbs or lands."""

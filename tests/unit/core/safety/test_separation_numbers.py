@@ -164,3 +164,30 @@ def test_rest_pulls_back_in_proportion_to_what_it_is_off(off_m: float, pull_mps:
 def test_room_to_land_is_what_it_says() -> None:
     for nearest_m, has in ((LANDING_ROOM_M, True), (LANDING_ROOM_M - 0.01, False)):
         assert LandingRoom(mission()).is_clear([], {}, nearest_m, 1.0) is has
+
+
+@pytest.mark.parametrize(
+    ("to_fence_m", "vel_north_mps", "stops"), [(12.8, 3.0, True), (13.0, 3.0, False), (13.0, 3.1, True)]
+)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_one_ahead_that_the_fence_stops_is_followed_as_one_that_may_stop_at_once(
+    to_fence_m: float, vel_north_mps: float, stops: bool, sign: float
+) -> None:
+    """A usurper led a swarm at full speed against its fence: those behind came to 3.31 m of those that it stopped."""
+    own = Position((0.0, 0.0, -8.0), (4.0, 0.0, 0.0), None)
+    fenced = replace(OPEN, polygon_m=((to_fence_m, -300.0), (to_fence_m, 300.0), (-300.0, 300.0), (-300.0, -300.0)))
+    other = neighbour(2, (8.0, 0.0, 0.0), vel_ned_mps=(sign * vel_north_mps, 0.0, 0.0))
+    there = Surroundings(own, (other,), {}, LocalObstacleCloud(math.inf, (False,)))
+    (bound,) = fenced.separations(there)
+    (free,) = OPEN.separations(there)
+    behind_mps = fenced.response.behind_mps(8.0 - fenced.hard_separation_m - MARGIN_M, vel_north_mps)
+    assert behind_mps < free.most_mps or sign < 0.0
+    assert bound.most_mps == pytest.approx(behind_mps if stops and sign > 0.0 else free.most_mps)
+    outside = replace(fenced, polygon_m=tuple((n - 400.0, e) for n, e in fenced.polygon_m))
+    (beyond,) = outside.separations(there)
+    assert beyond.most_mps == free.most_mps
+
+
+def test_speed_from_which_it_stops_within_a_way_is_stopped_in_that_way() -> None:
+    for speed_mps in (0.0, 0.5, 3.0, 5.0):
+        assert OPEN.response.closing_mps(OPEN.response.stopping_m(speed_mps)) == pytest.approx(speed_mps)
