@@ -95,37 +95,47 @@ class FixMonitor:
         noise = self._noise
         now = _Note(now_s, fix_ne_m, way_ne_m, frame, frame_rad2, max(fix_m, noise.fix_m))
         worst, parted = noise.alarm, None
-        for note in notes:
+        lever_ne_m: Level = (0.0, 0.0)
+        for note in reversed(notes):
             walk_m2_per_s = noise.walk_m2_per_s
             if walk_since is not None:
                 walk_m2_per_s = max(walk_m2_per_s, walk_since(note.at_s))
-            score, led = _compare(note, now, noise, walk_m2_per_s)
+            went_ne_m = _way_since(note, now)
+            if math.hypot(*went_ne_m) > math.hypot(*lever_ne_m):
+                lever_ne_m = went_ne_m
+            score, led = _compare(note, now, noise, walk_m2_per_s, went_ne_m, lever_ne_m)
             if score > worst:
                 worst, parted = score, Parted(note.at_s, led, frame[0] - note.frame[0])
         notes.append(now)
         return parted
 
 
-def _compare(then: _Note, now: _Note, noise: Noise, walk_m2_per_s: float) -> tuple[float, Level]:
-    """Squared sigmas by which both ways since `then` differ, and where the other has led."""
+def _way_since(then: _Note, now: _Note) -> Level:
+    """The other way from then to now, in the frame of then."""
     at = _in_frame(now.way_ne_m, now.frame, then.frame)
-    led = (
-        then.fix_ne_m[0] + at[0] - then.way_ne_m[0],
-        then.fix_ne_m[1] + at[1] - then.way_ne_m[1],
-    )
+    return at[0] - then.way_ne_m[0], at[1] - then.way_ne_m[1]
+
+
+def _compare(
+    then: _Note, now: _Note, noise: Noise, walk_m2_per_s: float, went_ne_m: Level, lever_ne_m: Level
+) -> tuple[float, Level]:
+    """Squared sigmas by which both ways since `then` differ, and where the other has led.
+
+    `lever_ne_m`: from the farthest place since then. A frame that has been turned all the time is off by the way from
+    then to now; one that was turned on the way, by the way from there: by all the way back, where a vehicle returns.
+    """
+    led = (then.fix_ne_m[0] + went_ne_m[0], then.fix_ne_m[1] + went_ne_m[1])
     off_n, off_e = now.fix_ne_m[0] - led[0], now.fix_ne_m[1] - led[1]
-    went_n, went_e = led[0] - then.fix_ne_m[0], led[1] - then.fix_ne_m[1]
-    went_m, since_s = math.hypot(went_n, went_e), now.at_s - then.at_s
+    (went_n, went_e), (lever_n, lever_e) = went_ne_m, lever_ne_m
+    since_s, turned_rad = now.at_s - then.at_s, now.frame[0] - then.frame[0]
     var = (then.fix_m**2 + now.fix_m**2) * (1.0 - math.exp(-since_s / noise.fix_memory_s)) + walk_m2_per_s * since_s
-    if went_m < 1e-3:
-        return (off_n * off_n + off_e * off_e) / max(var, 1e-9), led
-    along = (off_n * went_n + off_e * went_e) / went_m
-    across = (off_e * went_n - off_n * went_e) / went_m
-    stretched_m2 = (noise.share * went_m) ** 2
-    turned_rad = now.frame[0] - then.frame[0]
-    across_m2 = (then.frame_rad2 + turned_rad**2) * went_m**2
-    along_m2 = (0.5 * turned_rad**2 * went_m) ** 2
-    return along**2 / (var + stretched_m2 + along_m2) + across**2 / (var + stretched_m2 + across_m2), led
+    var = max(var + noise.share**2 * (went_n * went_n + went_e * went_e), 1e-9)
+    across, turned2, shortened2 = then.frame_rad2, turned_rad**2, (0.5 * turned_rad**2) ** 2
+    nn = var + across * went_e * went_e + turned2 * lever_e * lever_e + shortened2 * lever_n * lever_n
+    ee = var + across * went_n * went_n + turned2 * lever_n * lever_n + shortened2 * lever_e * lever_e
+    ne = (shortened2 - turned2) * lever_n * lever_e - across * went_n * went_e
+    score = (ee * off_n * off_n - 2.0 * ne * off_n * off_e + nn * off_e * off_e) / (nn * ee - ne * ne)
+    return score, led
 
 
 def _in_frame(place: Level, now: Frame, then: Frame) -> Level:

@@ -135,3 +135,19 @@ def test_notes_older_than_the_window_count_no_more() -> None:
     for k in range(20):
         assert monitor.update((0.0, float(k)), (0.0, float(k)), float(k)) is None
     assert monitor.update((40.0, 200.0), (0.0, 200.0), 19.0 + WINDOW_S + 1.0) is None
+
+
+def test_a_frame_that_turns_on_the_way_back_parts_nothing() -> None:
+    """As in a mission that returns (search, seed 9689): 2.6 degrees on 60 m back, to where the way out began."""
+    monitor, found, moved, turned, step = FixMonitor(BY_TRUNKS), False, (0.0, 0.0), 0.0, math.radians(2.6) / 30.0
+    c, s = math.cos(step), math.sin(step)
+    for k in range(95):
+        returns = k > 64
+        place = (2.0 * (94 - k if returns else min(k, 30)), 0.0)
+        if returns:
+            north, east = moved[0] - place[0], moved[1] - place[1]  # it turns about the vehicle
+            moved, turned = (place[0] + c * north - s * east, place[1] + s * north + c * east), turned + step
+        way = (place[0], 0.05 * (60.0 - place[0]) if returns else 0.0)  # and slides by 3 m all the same
+        frame = (turned, *moved)
+        found |= monitor.update(place, way, float(k), frame=frame, frame_rad2=FRAME_BY_SECTORS_RAD**2) is not None
+    assert not found
