@@ -144,15 +144,19 @@ class OperatorStation:
             vehicle: heard.said for vehicle, heard in sorted(self._heard.items()) if now_s - heard.heard_s <= FRESH_S
         }
 
+    def named(self) -> set[int]:
+        """Vehicles that have proven which start of their companion this is: those that a START names."""
+        return {*self._guard.boots()}
+
     def not_ready(self, now_s: float) -> dict[int, str]:
         """Vehicles of the mission that a START finds neither ready nor in the air, and what they are instead."""
-        heard = self.vehicles(now_s)
+        heard, named = self.vehicles(now_s), self.named()
         found: dict[int, str] = {}
         for vehicle in range(1, self._size + 1):
             said = heard.get(vehicle)
             if said is None:
                 found[vehicle] = "not heard"
-            elif vehicle not in self._guard.boots() and not said.airborne:
+            elif vehicle not in named and not said.airborne:
                 found[vehicle] = "heard, but does not prove who it is"
             elif not said.airborne and said.state is not FlightState.READY:
                 found[vehicle] = said.state.name.lower().replace("_", " ")

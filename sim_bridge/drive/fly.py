@@ -84,7 +84,7 @@ class Flight:
         self._recording = folder is not None
         self._live = live
         self.faults = Faults(mission.sim.faults, immune_of(mission, still_air=world.still_air))
-        self._operator = Operator(mission)
+        self._operator = Operator(mission, keyholder)
         self._lost: set[int] = set()
         self._full: frozenset[int] = frozenset()  # companions' disks
         self._ended: str | None = None  # why the flight is over, though records may still be on their way

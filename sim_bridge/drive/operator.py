@@ -27,9 +27,14 @@ PATIENCE_S = {Personality.PX4: 10.0, Personality.ARDUPILOT: 60.0}
 
 
 class Operator:
-    """Allows the flight once every live companion announces that it is ready, or after PATIENCE_S."""
+    """Allows the flight once every live companion announces that it is ready, or after PATIENCE_S.
 
-    def __init__(self, mission: Mission) -> None:
+    With a key it waits for their proofs, too: a START that does not name the boot of a vehicle is none to it.
+    """
+
+    def __init__(self, mission: Mission, keyholder: SignedOperator | None = None) -> None:
+        """`keyholder`: of a swarm with keys, who orders the START."""
+        self._keyholder = keyholder
         personalities = {mission.sim.personality_of(k) for k in range(1, mission.swarm.size + 1)}
         self._patience_s = max(PATIENCE_S[personality] for personality in personalities)
         self._ordered = 0
@@ -39,6 +44,8 @@ class Operator:
         """True if the order is sent now; to be called each tick. `alive`: ids; `said`: by id, the last beacons."""
         if self._next_s is None:
             ready = all(k in said and said[k].flight_state >= FlightState.READY for k in alive)
+            if self._keyholder is not None:
+                ready = ready and self._keyholder.station.named().issuperset(alive)
             if not ready and now_s < self._patience_s:
                 return False
             self._next_s = now_s

@@ -81,15 +81,16 @@ class FleetKeys:
         )
 
     def operator(self, world: World) -> SignedOperator:
-        """The operator, with the key: beside vehicle 1's start, heard and hearing as far as any."""
+        """The operator, with the key: amid the starts, so that all are in reach; heard and hearing as far as any."""
         world.radio.set_range(OPERATOR_ID, math.inf)
+        north, east, down = (0.5 * (min(axis) + max(axis)) for axis in zip(*world.positions().values(), strict=True))
         return SignedOperator(
             self.keyring(OPERATOR),
             self._digest,
             self._size,
             self.guard(OPERATOR_ID),
             seed=self._seed,
-            pos_ned_m=world.positions()[1],
+            pos_ned_m=(north, east, down),
         )
 
     def _boot(self, node: int) -> int:

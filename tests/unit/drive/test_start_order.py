@@ -13,6 +13,16 @@ from tests.unit.core.core_kit import mission
 TICK_S = 0.05
 
 
+class Keyholder:
+    """As much of a `SignedOperator`, and its station, as is asked."""
+
+    def __init__(self) -> None:
+        self.station, self.proven = self, {1, 2}
+
+    def named(self) -> set[int]:
+        return self.proven
+
+
 class Heard:
     """As much of a beacon as the operator looks at."""
 
@@ -54,3 +64,20 @@ def test_a_mixed_swarm_is_given_the_time_of_its_slowest() -> None:
     found = times_s({1: 4.5, 2: 4.5, 3: 42.0}, {1, 2, 3}, personalities={2: "ardupilot"})
     assert found[0] == pytest.approx(42.0)
     assert times_s({}, {1, 2, 3}, personality="ardupilot")[0] == pytest.approx(PATIENCE_S["ardupilot"])
+
+
+def test_with_a_key_it_goes_out_when_it_names_all_and_not_before() -> None:
+    """A vehicle whose proof has not come refuses it, and stays on the ground."""
+    keyholder: Any = Keyholder()
+    operator = Operator(mission(swarm={"size": 3}), keyholder)
+    heard: Any = {k: Heard(FlightState.READY) for k in (1, 2, 3)}
+    assert not operator.orders_start(5.0, {1, 2, 3}, heard)
+    keyholder.proven.add(3)
+    assert operator.orders_start(5.2, {1, 2, 3}, heard)
+
+
+def test_with_a_key_patience_ends_too() -> None:
+    keyholder: Any = Keyholder()
+    operator = Operator(mission(swarm={"size": 3}), keyholder)
+    heard: Any = {k: Heard(FlightState.READY) for k in (1, 2, 3)}
+    assert operator.orders_start(PATIENCE_S["px4"], {1, 2, 3}, heard)
