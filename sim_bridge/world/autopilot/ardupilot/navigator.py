@@ -40,6 +40,7 @@ THROTTLE_LOW_MPS: Final = 2.4  # recorded: LOITER with the simulated stick down
 JERK_SHARE: Final = 1.4  # of PSC_JERK_XY
 END_LAG_S: Final = 0.25
 LEAD_S: Final = 0.3
+RESTS_MPS: Final = 0.05  # slower, it has come to rest
 
 
 class GuidedMode(Enum):
@@ -66,6 +67,7 @@ class Guided:
     doing: GuidedMode = GuidedMode.HOLD
     setpoint: Setpoint = STOP
     heard_s: float = -math.inf  # of the setpoint
+    rests_ned_m: Vec3 | None = None  # where it has come to rest after the last one
 
 
 class Navigator:
@@ -150,11 +152,20 @@ class Navigator:
                 assert_never(unreachable)
 
     def _follow_setpoint(self, now_s: float, dt_s: float) -> Vec3:
-        """The setpoint; its velocity for GUID_TIMEOUT after it has come, its position for ever."""
+        """The setpoint; its velocity for GUID_TIMEOUT after it has come, its position for ever.
+
+        Once stopped it holds its place by its position controller (GUID_OPTIONS 0): a velocity held at 0 would drift.
+        """
         value = self._parameters
         setpoint = self.guided.setpoint
         fresh = now_s - self.guided.heard_s <= max(value["GUID_TIMEOUT"], 0.0)
         here, there = self.state.pos_ned_m, setpoint.pos_ned_m
+        if not fresh and self.guided.rests_ned_m is None and math.hypot(*self._shaper.vel_ned_mps) < RESTS_MPS:
+            self.guided.rests_ned_m = stopping_point(here, self.state.vel_ned_mps, brake_mps2=BRAKE_MPS2)
+        rests = self.guided.rests_ned_m
+        if rests is not None:
+            north, east, down = (at if asked is None else asked for at, asked in zip(rests, there, strict=True))
+            there = (north, east, down)
         vel = setpoint.vel_ned_mps if fresh else (None, None, None)
         gain_xy, gain_z = value["PSC_POSXY_P"], value["PSC_POSZ_P"]
         wanted = (

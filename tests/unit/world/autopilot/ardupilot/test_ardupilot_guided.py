@@ -10,6 +10,7 @@ import pytest
 from companion.mavlink import dialect as mav
 from mission.common.frames import LocalFrame, Vec3
 from sim_bridge.world.airframe.point_mass import PointMass
+from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot import (
     ArduCopterAutopilot,
     Failsafe,
@@ -110,6 +111,20 @@ def test_guid_timeout_is_a_parameter() -> None:
     flight.run(5.0, velocity(0.7))
     flight.run(2.0)
     assert speed(flight.body.state.vel_ned_mps) < 0.1
+
+
+def test_once_stopped_without_setpoints_it_holds_its_place() -> None:
+    """As ArduCopter with GUID_OPTIONS 0: a velocity held at 0, and known to 0.03 m/s, drifts (search, seed 9900)."""
+    flight = Flight({"GUID_TIMEOUT": 0.5}).airborne()
+    flight.run(5.0, velocity(0.7))
+    flight.run(3.0)
+    north, east, down = flight.body.state.pos_ned_m
+    moved = AirframeState((north + 1.0, east - 1.0, down), (0.0,) * 3, (0.0,) * 3, (0.0,) * 3, False, 0.4)
+    flight.body._state = moved
+    flight.run(8.0)
+    assert flight.body.state.pos_ned_m == pytest.approx((north, east, down), abs=0.1)
+    flight.run(3.0, velocity(0.7))
+    assert flight.body.state.vel_ned_mps[0] == pytest.approx(0.7, abs=0.02)
 
 
 @pytest.mark.parametrize("value", [NAN, math.inf])
