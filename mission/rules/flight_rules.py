@@ -232,6 +232,13 @@ def _fault_needs(mission: MissionTables, fault: Fault, path: Path) -> Iterator[C
     if not there.get(need, True):
         where: Path = ("survey" if need is Needs.RECORDS else need.name.lower(),)
         yield Conflict(((*path, "kind"), where), shown(fault.kind.value), need.value)
+    if fault.lie is Lie.TRUNKS and not mission.shares_trunks:
+        message = (
+            f"needs [ranging], vehicles without satellites ({show_key(mission, 'swarm.gnss')}),"
+            " and a sensing.sensor that tells every ray"
+        )
+        about = ((*path, "lie"), ("swarm", "gnss"), ("ranging",), ("sensing", "sensor"))
+        yield Conflict(about, shown(fault.lie.value), message)
     if fault.lie is Lie.RANGES and not mission.flies_by_ranges:
         message = f"needs [ranging], and vehicles without satellites ({show_key(mission, 'swarm.gnss')})"
         yield Conflict(((*path, "lie"), ("swarm", "gnss"), ("ranging",)), shown(fault.lie.value), message)

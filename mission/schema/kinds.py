@@ -65,6 +65,7 @@ class Lie(StrEnum):
     CLOCK = "clock"  # its clock jumps, and its echoes are wrong
     RANGES = "ranges"  # ranges, odometry and the way to the leader (SWARM_RELATIVE)
     ORDERS = "orders"  # an operator has ordered the start, or that all land
+    TRUNKS = "trunks"  # trunks about it (SWARM_TRUNKS): it is elsewhere among them, or turned, or they are made up
 
 
 class FaultPhase(StrEnum):

@@ -60,9 +60,9 @@ def draw_tables(seed: int, lie: Lie) -> tuple[dict[str, Any], int]:
     """The mission of a seed, and who lies in it."""
     rng = np.random.default_rng([SALT, seed, list(Lie).index(lie)])
     n, length_m = int(rng.integers(4, 11)), float(rng.uniform(40.0, 70.0))
-    height_m = float(rng.uniform(6.0, 12.0))
+    height_m = float(rng.uniform(6.0, 12.0)) if lie is not Lie.TRUNKS else 3.5  # below all crowns
     radius_m = max(10.0, 6.5 * n / math.tau) * float(rng.uniform(1.1, 1.4))
-    is_denied = lie is Lie.RANGES or rng.random() < DENIED_SHARE
+    is_denied = lie in (Lie.RANGES, Lie.TRUNKS) or rng.random() < DENIED_SHARE
     aside_m = max(22.0, radius_m + float(rng.uniform(8.0, 25.0)))
     if is_denied:
         aside_m = max(aside_m, 32.0)
@@ -117,7 +117,11 @@ def draw_tables(seed: int, lie: Lie) -> tuple[dict[str, Any], int]:
         tables["ranging"] = {"start_enu_m": starts, "reach_m": 35.0}
     elif rng.random() < 0.4:
         tables["swarm"]["leader_priority"] = [int(k) + 1 for k in rng.permutation(n)[:2]]
-    if rng.random() < SENSING_SHARE:
+    if lie is Lie.TRUNKS:  # told where there are some, by lidars that tell every ray
+        tables["sensing"] = {"sensor": "scan-1deg", "range_m": 12.0}
+        tables["forest"] = {"stand": {"density_per_ha": round(float(rng.uniform(100.0, 400.0))), "dbh_min_m": 0.12}}
+        tables["fence"]["altitude_max_m"] = 4.8
+    elif rng.random() < SENSING_SHARE:
         tables["sensing"] = {"range_m": 8.0, "rate_hz": 5.0, "stale_s": 0.6}
     return tables, liar
 

@@ -6,13 +6,14 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 
 from mission.document.model import Mission
 from mission.schema.faults import Fault
 from mission.schema.kinds import FaultKind, Lie
 from sim_bridge.lab.search import shrink
-from sim_bridge.lab.search.attackers import RANGED_SPOOFS
+from sim_bridge.lab.search.attackers import RANGED_SPOOFS, draw_attack
 from sim_bridge.lab.search.draw import draw
 
 SEEDS = range(1000, 1300)
@@ -29,10 +30,29 @@ def test_half_of_the_flights_have_an_attacker_and_half_are_signed() -> None:
     assert 0.4 < len(attacked) / len(drawn) < 0.6
     assert 0.4 < sum(one.signed for one in drawn) / len(drawn) < 0.6
     assert {one.attacker for one in attacked} == {"insider", "outsider", "spoofer"}
-    assert {one.mission.sim.faults[-1].lie for one in attacked} == {None, *Lie}
+    assert {one.mission.sim.faults[-1].lie for one in attacked} | {Lie.TRUNKS} == {None, *Lie}
     kinds = {one.mission.sim.faults[-1].kind for one in attacked}
     assert kinds == {FaultKind.INSIDER, FaultKind.OUTSIDER, *RANGED_SPOOFS}
     assert all(one.signed for one in attacked if one.attacker == "outsider")
+
+
+@pytest.mark.parametrize(
+    ("sensor", "ranging", "lies"),
+    [
+        ("scan-1deg", True, {"ranges", "trunks"}),
+        ("sectors", True, {"ranges"}),
+        (None, True, {"ranges"}),
+        ("scan-1deg", False, set()),
+    ],
+)
+def test_lies_with_ranges_and_trunks_are_drawn_where_they_are_told(
+    sensor: str | None, ranging: bool, lies: set[str]
+) -> None:
+    tables = {"swarm": {"size": 4}} | ({"ranging": {}} if ranging else {})
+    tables |= {} if sensor is None else {"sensing": {"sensor": sensor}}
+    drawn = {draw_attack(np.random.default_rng(seed), tables, signed=False).get("lie") for seed in range(600)}
+    assert drawn & {"ranges", "trunks"} == lies
+    assert drawn | {"ranges", "trunks"} == {None, *Lie}
 
 
 def test_a_seed_without_its_attacker_is_the_same_mission() -> None:

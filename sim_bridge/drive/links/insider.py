@@ -12,16 +12,24 @@ from typing import Final
 
 import numpy as np
 
-from companion.core.model.beacon import Beacon, BeaconEcho, Candidate, Lease, PeerReport, RelativeReport
+from companion.core.model.beacon import (
+    Beacon,
+    BeaconEcho,
+    Candidate,
+    Lease,
+    PeerReport,
+    RelativeReport,
+    TrunkReport,
+)
 from companion.core.model.states import Reception, SwarmPhase
 from companion.core.model.vectors import add, norm, scale, sub
 from companion.core.swarm.priorities import Priorities
 from companion.mavlink import dialect
 from companion.mavlink.beacon import COMPONENT, NOWHERE_DEG, WireBeacon, encode
 from companion.mavlink.framing import wire
-from companion.mavlink.own_messages import decode_beacon, encode_relative_report, here_of
+from companion.mavlink.own_messages import decode_beacon, encode_relative_report, encode_trunk_report, here_of
 from companion.mavlink.peers.session import Session
-from companion.mavlink.relative import RELATIVE_ID
+from companion.mavlink.relative import RELATIVE_ID, TRUNKS_ID, read_trunk_report
 from mission.common.frames import LocalFrame, Vec3, Wgs84, enu_to_ned
 from mission.document.model import Mission
 from mission.schema.kinds import Lie
@@ -30,6 +38,8 @@ from sim_bridge.drive.links.resealer import Resealer
 SALT: Final = 0x1251DE
 AIMS_S: Final = (3.0, 12.0)  # how long one is pushed, or haunted
 SEQ_OFF: Final = 50_000  # an usurper's first count, where it leaps
+MOVES_MPS: Final = 0.15  # by which it tells itself aside among its trunks: slow enough to be taken for a drift
+TURNS_RADPS: Final = math.radians(0.5)
 U32: Final = 0xFFFFFFFF
 
 
@@ -42,7 +52,7 @@ class Told:
 
 
 class Insider:
-    """One member's. `rewrite_beacon` and `rewrite_report` each frame of it."""
+    """One member's. `rewrite_beacon`, `rewrite_report` and `rewrite_trunks` each frame of it."""
 
     def __init__(self, mission: Mission, vehicle_id: int, lie: Lie) -> None:
         self._mission, self._me, self._lie = mission, vehicle_id, lie
@@ -73,6 +83,7 @@ class Insider:
             Lie.ROSTER: self._enrol,
             Lie.CLOCK: self._jump,
             Lie.RANGES: lambda told, _now_s, _places: told,
+            Lie.TRUNKS: lambda told, _now_s, _places: told,
             Lie.ORDERS: lambda told, _now_s, _places: Told(
                 replace(told.beacon, start=True, abort=True), told.pos_ned_m
             ),
@@ -121,6 +132,26 @@ class Insider:
             leads = (leads[0] - off_m * north, leads[1] - off_m * east)
         lies = replace(report, ranges=ranges, odo_ne_m=odo, to_leader_ne_m=leads, leader_sd_m=0.1)
         return wire.frame(RELATIVE_ID, encode_relative_report(lies), seq=frame[4], system=self._me, component=COMPONENT)
+
+    def rewrite_trunks(self, frame: bytes, report: TrunkReport, now_s: float) -> bytes:
+        """The SWARM_TRUNKS that it tells now and then: aside by ever more, turned by ever more, or a mirror image."""
+        if self._lie is not Lie.TRUNKS:
+            return frame
+        if self._began_s is None:
+            self._began_s = now_s
+        since_s = now_s - self._began_s
+        match self._kind % 3:
+            case 0:
+                off = self._level(min(self._off_m, MOVES_MPS * since_s))
+                trunks = tuple([(n + off[0], e + off[1], wide) for n, e, wide in report.trunks])
+            case 1:
+                turn = TURNS_RADPS * since_s * (1.0 if self._share < 0.5 else -1.0)
+                cos, sin = math.cos(turn), math.sin(turn)
+                trunks = tuple([(cos * n - sin * e, sin * n + cos * e, wide) for n, e, wide in report.trunks])
+            case _:
+                trunks = tuple([(n, -e, wide) for n, e, wide in report.trunks])
+        payload = encode_trunk_report(replace(report, trunks=trunks))
+        return wire.frame(TRUNKS_ID, payload, seq=frame[4], system=self._me, component=COMPONENT)
 
     # --- the lies ---
 
@@ -307,6 +338,13 @@ class Insiders:
         """The frame of the SWARM_RELATIVE that goes with it."""
         insider = self.find_insider(sender)
         return frame if insider is None else self._seal(frame, insider.rewrite_report(frame, report, now_s))
+
+    def rewrite_trunks(self, sender: int, frame: bytes, now_s: float) -> bytes:
+        """The frame of a SWARM_TRUNKS."""
+        insider, report = self.find_insider(sender), read_trunk_report(frame)
+        if insider is None or report is None:
+            return frame
+        return self._seal(frame, insider.rewrite_trunks(frame, report, now_s))
 
     def rewrite_proof(self, sender: int, frame: bytes) -> bytes:
         """The manifest behind them: it names what was sent, also just after the lies are over."""

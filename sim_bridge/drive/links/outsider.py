@@ -24,7 +24,7 @@ OUTSIDER_ID: Final = 252  # of its radio in the air; its frames bear others' nam
 SALT: Final = 0x0D51DE
 REMEMBERED: Final = 512  # frames that it can send again
 FRAMES_MAX: Final = 6  # of one tick
-LIES: Final = tuple(lie for lie in Lie if lie is not Lie.RANGES)  # that a beacon tells
+LIES: Final = tuple(lie for lie in Lie if lie not in (Lie.RANGES, Lie.TRUNKS))  # that a beacon tells
 
 
 class Outsider:

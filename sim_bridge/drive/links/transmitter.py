@@ -59,10 +59,13 @@ class Transmitter:
             self._radio.send(sender, beside + told + self._proof(sender, proofs), now_s)
             beside, proofs = b"", []
             sent.append(frame)
+        trunks = self._frames_of(sender, found.trunks)
+        if insiders is not None:
+            trunks = [insiders.rewrite_trunks(sender, frame, now_s) for frame in trunks]
         for frame in (
             self._proof(sender, proofs),
             *self._frames_of(sender, found.orders),
-            *self._frames_of(sender, found.trunks),
+            *trunks,
             *self._frames_of(sender, found.records),
         ):
             if frame:

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from numpy.random import Generator
 
-from mission.schema.kinds import FaultKind, Lie
+from mission.schema.kinds import RAW_LIDARS, FaultKind, Lie, SensorClass
 
 SALT: Final = 0xA77AC4
 ATTACKED_SHARE: Final = 0.5
@@ -61,12 +61,17 @@ def draw_attack(rng: Generator, tables: Mapping[str, Any], *, signed: bool) -> T
     if signed and rng.random() < OUTSIDER_SHARE:
         return fault | {"kind": FaultKind.OUTSIDER.value}
     if rng.random() >= SPOOFER_SHARE:
-        lies = [lie.value for lie in Lie if only_leader or lie is not Lie.RANGES]
+        there = {Lie.RANGES: only_leader, Lie.TRUNKS: only_leader and _tells_every_ray(tables)}
+        lies = [lie.value for lie in Lie if there.get(lie, True)]
         return fault | {"kind": FaultKind.INSIDER.value, "lie": str(rng.choice(lies))}
     kind = FaultKind(str(rng.choice([kind.value for kind in (RANGED_SPOOFS if only_leader else SPOOFS)])))
     if only_leader and kind is not FaultKind.RANGE_ERRORS:  # no other has a position that it may be led from
         fault["vehicles"] = [1]
     return fault | {"kind": kind.value} | _numbers(rng, kind)
+
+
+def _tells_every_ray(tables: Mapping[str, Any]) -> bool:
+    return "sensing" in tables and SensorClass(tables["sensing"]["sensor"]) in RAW_LIDARS
 
 
 def _numbers(rng: Generator, kind: FaultKind) -> Tables:

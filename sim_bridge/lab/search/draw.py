@@ -44,8 +44,8 @@ LAYERED_SHARE: Final = 0.8  # of missions with a range finder and an obstacle se
 # Of what a seed draws: 2 has the faults of satellites, motors and sensors, 3 pilots, 4 raw scans and range finders,
 # 5 layers of height, 6 odometry for the autopilot, and no crowns where a height by a barometer may be, 7 an attacker in
 # half of the flights, and keys in half: without attackers it is what 6 draws, 8 range radios where all have satellites,
-# 9 surveys, the base station lost, and full disks
-VERSION: Final = 9
+# 9 surveys, the base station lost, and full disks, 10 insiders that tell false trunks
+VERSION: Final = 10
 
 
 @dataclass(frozen=True, slots=True)
