@@ -293,7 +293,7 @@ class Radio(Table):
 
     transit_range_m: Annotated[
         Number,
-        Field(gt=0.0, le=RANGE_MAX_M, description="Range that the formation is kept within in transit."),
+        Field(gt=0.0, le=RANGE_MAX_M, description="Range that the formation is kept within on the way, out and back."),
     ] = 30.0
     full_range_m: Annotated[
         Number, Field(gt=0.0, le=RANGE_MAX_M, description="Range r at full power, used in coverage.")

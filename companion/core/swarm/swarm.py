@@ -142,9 +142,9 @@ class Swarm:
 
     @property
     def range_m(self) -> float:
-        """The range that the formation keeps: the paper keeps the swarm compact on the way and extends it at d2."""
-        radio = self._mission.radio
-        return radio.full_range_m if self.phases.phase >= SwarmPhase.COVERAGE else radio.transit_range_m
+        """The range that the formation keeps: the paper keeps it compact on the way and back, extended at d2."""
+        radio, is_spread = self._mission.radio, self.phases.phase in (SwarmPhase.COVERAGE, SwarmPhase.LAND)
+        return radio.full_range_m if is_spread else radio.transit_range_m
 
     @property
     def formation_range_m(self) -> float:
@@ -155,11 +155,12 @@ class Swarm:
     def radio_range_m(self, *, airborne: bool, misses: bool) -> float:
         """The range that the radio is set to: all of it while a vehicle is missing, to find one another again.
 
-        And on the way from one tree to the next: they leave it as widely as they have spread about it.
+        And on the way from a tree: they leave it as widely as they have spread about it.
         """
-        lease = self.election.lease
+        lease, phases = self.election.lease, self.phases
         parted = airborne and (misses or lease is None or not lease.quorum)
-        return self._mission.radio.full_range_m if parted or self.phases.stop > 0 else self.range_m
+        came = phases.stop > 0 or phases.phase >= SwarmPhase.COVERAGE
+        return self._mission.radio.full_range_m if parted or came else self.range_m
 
     # --- each beacon period: the leader, the phase ---
 

@@ -68,6 +68,33 @@ def test_a_radio_is_set_to_no_less_than_any_phase_asks_for() -> None:
 
 
 @pytest.mark.parametrize(
+    ("phase", "is_compact"),
+    [
+        (SwarmPhase.GATHER, True),
+        (SwarmPhase.TRANSIT, True),
+        (SwarmPhase.COVERAGE, False),
+        (SwarmPhase.RETURN, True),
+        (SwarmPhase.LAND, False),
+    ],
+)
+def test_a_swarm_keeps_as_compact_on_the_way_back_as_on_the_way_out(phase: SwarmPhase, *, is_compact: bool) -> None:
+    """On the ring it has spread: with that range it would also come back, and land twice as wide as it took off."""
+    radio, swarm = MISSION.radio, Swarm(MISSION, 1, OperatorOrders())
+    swarm.phases.adopt_phase(phase, 1.0)
+    assert swarm.formation_range_m == (radio.transit_range_m if is_compact else radio.full_range_m)
+
+
+@pytest.mark.parametrize("phase", [SwarmPhase.COVERAGE, SwarmPhase.RETURN, SwarmPhase.LAND])
+def test_from_the_tree_on_the_radio_has_all_of_its_range(phase: SwarmPhase) -> None:
+    """They leave it as widely as they have spread about it."""
+    swarm = Swarm(MISSION, 2, OperatorOrders())
+    swarm.receive_beacon(beacon(1, lease=Lease(1, 1000, 2, 9, established=True)), 1.0)
+    assert swarm.radio_range_m(airborne=True, misses=False) == MISSION.radio.transit_range_m
+    swarm.phases.adopt_phase(phase, 1.0)
+    assert swarm.radio_range_m(airborne=True, misses=False) == MISSION.radio.full_range_m
+
+
+@pytest.mark.parametrize(
     ("battery_percent", "reception", "score"),
     [
         (100, Reception.GOOD, 10),
