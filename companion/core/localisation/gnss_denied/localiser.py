@@ -33,6 +33,7 @@ ASTRAY: Final = "position doubted: GNSS led astray"
 LOST: Final = "relative localisation not initialised"
 UNCONFIRMED: Final = "start not confirmed: no trunks in common"
 UNCONFIRMED_S: Final = 30.0  # in the air, by trunks alone: where there are some it takes 5 to 20 s
+MEASURED_S: Final = 1.0  # so old is the last range at most to one that counts as measured
 SETTLES_S: Final = 5.0  # since it knows its position among the others: that still moves by metres
 ANCHOR_MPS: Final = 0.5  # a leader goes over to what GNSS says this fast: no setpoint jumps, 10 m take 20 s
 
@@ -246,10 +247,26 @@ class GnssDeniedLocaliser(Localiser):
             self.ranging.has_led()
 
     def excite(self, state: FlightState, cause: Cause | None, now_s: float) -> Vec3:
-        """While the formation's rotation is uncertain, or it must be seen that start positions are no mirror image."""
+        """While the formation's rotation is uncertain, or the direction of one that it measures is in its shape, or it
+        must be seen that start positions are no mirror image.
+        """
         seeks = math.inf if self.ranging.is_doubtful else 0.0
-        velocity = self._excitation.velocity(max(seeks, self.ranging.filter.rotation_sd_rad), now_s)
+        turn_rad, shape_m = max(seeks, self.ranging.filter.rotation_sd_rad), self._shape_sd_m(now_s)
+        velocity = self._excitation.velocity(turn_rad, now_s, shape_sd_m=shape_m)
         return velocity if state in EXCITED or cause is Cause.PEER_UNCERTAIN else ZERO
+
+    def _shape_sd_m(self, now_s: float) -> float:
+        """Of those that the own radio measures, the one whose position in the formation's shape is the least certain.
+
+        Of no other: the own motion would show nothing of it.
+        """
+        ranging, most_m2 = self.ranging, 0.0
+        for neighbour in self.neighbours:
+            found = ranging.filter.relative(neighbour.id)
+            is_measured = ranging.measured_m(neighbour.id, now_s, MEASURED_S) < math.inf
+            if found is not None and is_measured and not ranging.has_lost(neighbour.id):
+                most_m2 = max(most_m2, found.shape_m2)
+        return math.sqrt(most_m2)
 
     def make_broadcast(self, beacon: Beacon, pos_ned_m: Vec3, now_s: float, *, leader: int, role: Role) -> SendBeacon:
         """The beacon, its relative report, and an acting leader's position in the mission's frame."""

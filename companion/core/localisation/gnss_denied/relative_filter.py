@@ -7,13 +7,12 @@ bias and its compass's error. Ranges between any two vehicles, own or told, own 
 seen (`shared_trunks`) correct all of it. Everything is level: heights come from barometer and rangefinder, and ranges
 are made level before they are handed over.
 
-What cannot be seen stays uncertain: the rotation of a formation that moves as one (`rotation_sd_rad`), and the common
-error of all compasses, which nothing here can tell from a turned world.
+What cannot be seen stays uncertain: the rotation of a formation that moves as one (`rotation_sd_rad`), the shape of one
+that too few ranges brace (`Relative.shape_m2`), and the common error of all compasses: it seems to be a turned world.
 
 Means are moved at each tick and with each odometer reading; covariance and corrections follow every EPOCH_S, all
 ranges since then together, each taken against the positions that odometers give for its moment: by then most have told
-of it, whose beacons are late. (To wait for all costs more than it brings: what is corrected later tells the formation's
-turn less well.) That is what makes a joint filter of twelve vehicles cheap.
+of it, whose beacons are late. (To wait for all costs more: later corrections tell the formation's turn less well.)
 """
 
 from __future__ import annotations
@@ -227,6 +226,7 @@ class RelativeFilter:
             cov[k][k] - 2.0 * e_m * with_n + e_m * e_m * var + coasted,
             cov[k][k + 1] + n_m * with_n - e_m * with_e - n_m * e_m * var,
             cov[k + 1][k + 1] + 2.0 * n_m * with_e + n_m * n_m * var + coasted,
+            cov[k][k] + cov[k + 1][k + 1],
         )
 
     @property

@@ -20,9 +20,11 @@ class Relative:
     var_nn_m2: Final[float]
     var_ne_m2: Final[float]
     var_ee_m2: Final[float]
+    shape_m2: Final[float]  # of both axes' variances what no turn of the whole formation explains
 
-    def __init__(self, ne_m: Level, var_nn_m2: float, var_ne_m2: float, var_ee_m2: float) -> None:
+    def __init__(self, ne_m: Level, var_nn_m2: float, var_ne_m2: float, var_ee_m2: float, shape_m2: float) -> None:
         self.ne_m = ne_m
+        self.shape_m2 = shape_m2
         self.var_nn_m2 = var_nn_m2
         self.var_ne_m2 = var_ne_m2
         self.var_ee_m2 = var_ee_m2
