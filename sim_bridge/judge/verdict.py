@@ -311,7 +311,9 @@ def _unformed(metrics: Metrics, mission: Mission) -> str:
     if error_m is None:
         return "coverage not formed: no vehicle in the air at its end"
     if error_m > within_m:
-        return f"coverage not formed: up to {error_m:.1f} m off the {shape}: must be within {within_m:g} m"
+        flying = set(metrics.uncovering) - set(metrics.landed_early)
+        who = f"{_vehicles(flying)} " if flying else ""
+        return f"coverage not formed: {who}up to {error_m:.1f} m off the {shape}: must be within {within_m:g} m"
     if gap_deg > FORMED_RATIO * ideal_deg:
         return f"coverage not formed: gap {gap_deg:.0f} deg: must be at most {FORMED_RATIO:g} x {ideal_deg:.0f}"
     down = set(metrics.uncovering) - set(metrics.landed_early)  # the others of a large ring leave hardly a gap

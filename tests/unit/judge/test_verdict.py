@@ -113,6 +113,10 @@ def test_a_flight_in_which_everything_holds_has_arrived() -> None:
         ),
         ({"coverage_gap_deg": 90.0}, "coverage not formed: gap 90 deg: must be at most 1.5 x 45"),
         ({"coverage_radius_error_m": 2.1}, "coverage not formed: up to 2.1 m off the ring: must be within 2 m"),
+        (
+            {"coverage_radius_error_m": 2.1, "uncovering": (5, 7)},
+            "coverage not formed: vehicles 5, 7 up to 2.1 m off the ring: must be within 2 m",
+        ),
         ({"coverage_radius_error_m": None}, "coverage not formed: no vehicle in the air at its end"),
         ({"coverage_gap_deg": None}, "no coverage"),
         ({"coverage_gap_deg": 51.4, "uncovering": (8,)}, "coverage not formed: vehicle 8 did not cover"),
