@@ -130,7 +130,7 @@ def test_what_cannot_be_read_is_told_what_it_must_look_like(kind: str, text: str
 
 
 def test_what_a_lie_and_a_number_may_be_is_told() -> None:
-    with pytest.raises(ValueError, match=r"LIE: push, offset, .*orders\. Numbers: .*no exponent"):
+    with pytest.raises(ValueError, match=r"LIE: push, offset, .*orders, trunks\. Numbers: .*no exponent"):
         parsed(FaultKind.INSIDER, "2@30:gossip")
     with pytest.raises(ValueError, match="no exponent") as caught:
         parsed(FaultKind.GNSS_DRIFT, "2@40:1e9:0")
