@@ -293,7 +293,7 @@ class CopterFlight:
         """Show `mode`, which begins here."""
         self.mode = mode
         self._takeoff_at_s = None
-        self.navigator.begin(mode)
+        self.navigator.begin(mode, has_position=has_position(self._airframe))
 
     def _check_failsafes(self, now_s: float) -> None:
         self._trip(self._conditions.gcs(now_s, self.mode))
@@ -324,7 +324,8 @@ class CopterFlight:
             self._stop()
             return
         mode = {CopterAction.RTL: CopterMode.RTL, CopterAction.BRAKE: CopterMode.BRAKE}.get(action, CopterMode.LAND)
-        if mode is not self.mode and not (mode is CopterMode.RTL and self.mode is CopterMode.LAND):
+        loses_place = cause is Failsafe.POSITION_LOSS and mode is self.mode
+        if loses_place or (mode is not self.mode and not (mode is CopterMode.RTL and self.mode is CopterMode.LAND)):
             self._enter_mode(mode)
 
     def _check_auto_disarm(self, now_s: float) -> None:

@@ -83,13 +83,15 @@ class Navigator:
         self.return_phase = ReturnPhase.CLIMB
         self._shaper = Shaper()
         self._target_ned_m: Vec3 = state.pos_ned_m
+        self._lands_level = False
         self._return_down_m = 0.0
         self._waits_since_s = 0.0
         self._climbs_since_s: float | None = None
 
-    def begin(self, mode: CopterMode) -> None:
-        """Take hold of the place where the vehicle can stop."""
+    def begin(self, mode: CopterMode, *, has_position: bool = True) -> None:
+        """Take hold of the place where the vehicle can stop; in LAND only where it knows one."""
         state = self.state
+        self._lands_level = mode is CopterMode.LAND and not has_position
         self._target_ned_m = stopping_point(state.pos_ned_m, state.vel_ned_mps, brake_mps2=BRAKE_MPS2)
         self.guided = Guided()
         self._shaper.restart(state.vel_ned_mps)
@@ -212,9 +214,12 @@ class Navigator:
         return limited((to_north * share, to_east * share, down), self._limits())
 
     def _land(self) -> Vec3:
-        """Down over the target: LAND_SPEED below LAND_ALT_LOW above home, faster above it."""
+        """Down over the target: LAND_SPEED below LAND_ALT_LOW above home, faster above it.
+
+        A landing that began without a position seeks none, also when there is one again.
+        """
         value = self._parameters
-        north, east, _ = self._go_to(self._target_ned_m)
+        north, east, _ = (0.0, 0.0, 0.0) if self._lands_level else self._go_to(self._target_ned_m)
         low = self.home_ned_m[2] - self.state.pos_ned_m[2] <= value["LAND_ALT_LOW"] * CM
         speed_cmps = value["LAND_SPEED"] if low else value["LAND_SPEED_HIGH"] or value["WPNAV_SPEED_DN"]
         return (north, east, speed_cmps * CM)

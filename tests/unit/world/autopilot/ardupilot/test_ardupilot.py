@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
 from companion.mavlink import dialect as mav
+from mission.document.model import Personality
+from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot import (
     LandedState,
     Link,
+    make_autopilot,
 )
+from sim_bridge.world.autopilot.estimates.gnss_faults import FaultyGnss
 from tests.unit.world.autopilot.ardupilot.ardupilot_kit import (
     ACCEPTED,
     ARM,
@@ -251,3 +256,38 @@ def test_rtl_climbs_within_the_cone_comes_home_waits_and_lands() -> None:
     assert not flight.armed
     assert flight.body.state.pos_ned_m[:2] == pytest.approx((20.0, -10.0), abs=0.3)
     assert flight.mode == "RTL"
+
+
+class Receiver(FaultyGnss):
+    """One whose position comes back 6 m from where it had been reckoned."""
+
+    OFF_M = 6.0
+
+    @property
+    def state(self) -> AirframeState:
+        state = self._airframe.state
+        north, east, down = state.pos_ned_m
+        return replace(state, pos_ned_m=(north if self.has_fix else north + self.OFF_M, east, down))
+
+
+@pytest.mark.parametrize("lands_first", [False, True])
+def test_a_landing_without_a_position_seeks_none_when_it_is_back(lands_first: bool) -> None:
+    """As ArduCopter: it flew there at 3.8 m/s, and met the ground so (search, seed 10009)."""
+    flight = Flight()
+    receiver = Receiver(flight.body, seed=1, vehicle_id=1)
+    flight.autopilot = make_autopilot(Personality.ARDUPILOT, 1, receiver, flight.frame)
+    flight.airborne()
+    if lands_first:
+        flight.command(LAND)
+    receiver.set_fix(False)
+    receiver._without_fix_s = math.inf
+    flight.run(1.0)
+    assert flight.mode == "LAND"
+    assert "EKF Failsafe: changed to LAND Mode" in flight.texts()
+    receiver.set_fix(True)
+    sideways = []
+    for _ in range(20):
+        flight.run(0.1)
+        sideways.append(math.hypot(*flight.body.state.vel_ned_mps[:2]))
+    assert max(sideways) < 0.3
+    assert flight.body.state.vel_ned_mps[2] > 0.4
