@@ -192,7 +192,7 @@ def test_done_of_a_vehicle_that_the_mission_does_not_know_counts_for_nothing() -
     assert sent.done == 0b11
 
 
-def test_range_is_short_on_the_way_and_full_in_coverage() -> None:
+def test_range_is_short_on_the_way_and_full_about_a_tree() -> None:
     ranges = {}
     for phase in SwarmPhase:
         agent = Agent(mission(), 1)
@@ -203,7 +203,7 @@ def test_range_is_short_on_the_way_and_full_in_coverage() -> None:
         "GATHER": 30.0,
         "TRANSIT": 30.0,
         "COVERAGE": 55.0,
-        "RETURN": 55.0,
+        "RETURN": 30.0,
         "LAND": 55.0,
     }
 
