@@ -140,7 +140,7 @@ def test_signed_beacon_is_shown_though_nobody_checks_it() -> None:
 
 def test_a_beacon_of_another_version_is_named_and_not_read() -> None:
     payload = bytearray(swarm_beacon.encode(said(5), HERE).ljust(BEACON_PAYLOAD.size, b"\0"))
-    payload[BEACON_PAYLOAD.size - 98] += 1  # before members and position_error
+    payload[BEACON_PAYLOAD.size - 99] += 1  # before members, position_error and accused
     picture = heard((frame(swarm_beacon.MESSAGE_ID, bytes(payload), 5), 0.0)).picture(0.0)
     assert (picture.vehicles, picture.other_versions) == ((), (5,))
     assert kinds(picture) == [("version", (5,))]
