@@ -97,7 +97,7 @@ def test_a_damaged_file_is_refused_by_its_name(text: str, tmp_path: Path) -> Non
         (
             ('"asked"', '"lie": [7], "asked"'),
             "[0].lie = [7]: must be one of push, offset, floor, ghost, usurper, sinkhole, phase, lease, stall, roster, "
-            "clock, ranges, orders, or null",
+            "clock, ranges, orders, trunks, or null",
         ),
         (("[{", "[[{"), "line 1: is no JSON"),
         (("[{", "{"), "line 1: is no JSON"),
