@@ -255,7 +255,7 @@ CONSTANT: dict[type, Sequence[str]] = {
     PhaseGate: ("_me", "_heard_s", "_lane_ways_s", "_durations_s", "_at_end", "_back_m", "may_turn_back"),
     # Nobody gives up a leader, see LEADS: no accusations
     Trust: (
-        *("_me", "_priorities", "blocklist", "_courses", "gate", "_leads", "_accusations", "_given_up", "_alone_s"),
+        *("_me", "_priorities", "blocklist", "_courses", "gate", "_leads", "_accusations", "_given_up"),
         *("_patience", "_fastest_mps", "_least_range_m", "_period_s", "_own_words_s"),
     ),
     Swarm: (

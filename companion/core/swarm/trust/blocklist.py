@@ -58,11 +58,6 @@ class Blocklist:
             self._doubted[vehicle] = now_s
             self._news.append((vehicle, why))
 
-    def forgive(self, vehicle: int) -> None:
-        """It is not doubted any more; what is proven stays."""
-        self._doubted.pop(vehicle, None)
-        self._doubts.pop(vehicle, None)
-
     def fade(self, now_s: float) -> None:
         """A beacon period has passed."""
         if self._doubts:

@@ -25,7 +25,6 @@ from mission.document.model import Mission
 RANGE_STEP_M: Final = 0.1  # in which beacons tell the range of a radio
 PERIODS_BESIDE: Final = 2  # that a leader's count goes on beyond what time has passed: an early beacon, a late tick
 PLAIN_LIE: Final = 3.0  # what no lost beacon explains weighs more
-ALONE_S: Final = 10.0  # two that are led astray find it within a few seconds of each other
 PHASE_LIE: Final = 0.5  # over T_L a leader may come to its senses
 
 
@@ -41,7 +40,6 @@ class Trust:
         self._leads = LeadWatch(mission)
         self._accusations = Accusations()
         self._given_up = 0  # the last leader that was, by what is observed here
-        self._alone_s: float | None = None  # since when it is the only one that does not follow it
         self._defiant: set[int] = set()  # that are blocked, and said in the last period that they lead
         self._patience = Patience()
         self._fastest_mps = mission.limits.speed_max_mps
@@ -138,10 +136,12 @@ class Trust:
             fault = self._leads.find_fault(own.pos_ned_m, picture.dest_ned_m, phases, now_s, leader=leader)
             if fault:
                 self._give_up(leader, fault, now_s)
-        self._reconsider(now_s)
         self._bar_defiant(lease, now_s)
         self.blocklist.fade(now_s)
         self._courses.fade(now_s)
+        if self._given_up and not self.accused:
+            self._leads.forgive(self._given_up)
+            self._given_up = 0
         if lease is not None and (self.blocklist.has(lease.leader) or not self._may_lead(lease.leader, now_s)):
             election.depose()
         return [*self.blocklist.take_news(), *self._courses.take_news(), *self._leads.take_news()]
@@ -152,8 +152,15 @@ class Trust:
         return self._given_up if self.blocklist.has(self._given_up) else 0
 
     def bars_lead(self, now_s: float) -> bool:
-        """Enough of the others say that this vehicle leads astray; or it alone has given up whom they follow."""
-        return self._accusations.is_accused(self._me, now_s) or self._alone_s is not None
+        """Enough of the others say that this vehicle leads astray; or it alone has given up whom two of them follow.
+
+        That one was rather pushed off the way than led: it holds, and claims no lead beside theirs.
+        """
+        if self._accusations.is_accused(self._me, now_s):
+            return True
+        leader = self.accused
+        is_alone = leader > 0 and self._accusations.count_accusers(leader, now_s) == 0
+        return is_alone and self._leads.count_followers(leader, now_s) >= ACCUSERS
 
     def _may_lead(self, vehicle: int, now_s: float) -> bool:
         """Nothing that is observed here contradicts it, and not two of the others."""
@@ -162,23 +169,8 @@ class Trust:
     def _give_up(self, leader: int, why: str, now_s: float) -> None:
         """By what is observed here it leads astray."""
         self.blocklist.note_doubt(leader, why, DOUBT_LIMIT, now_s)
-        self._given_up = leader
-
-    def _reconsider(self, now_s: float) -> None:
-        """Let a leader lead again that two others follow and nobody else has given up, after ALONE_S.
-
-        Then this vehicle was rather pushed off the way than led. Meanwhile it claims no lead.
-        """
-        leader = self.accused
-        is_alone = leader > 0 and self._accusations.count_accusers(leader, now_s) == 0
-        if not is_alone or self._leads.count_followers(leader, now_s) < ACCUSERS:
-            self._alone_s = None
-        elif self._alone_s is None:
-            self._alone_s = now_s
-        elif now_s - self._alone_s > ALONE_S:
-            self._alone_s = None
-            self.blocklist.forgive(leader)
-            self._leads.forgive(leader)
+        if self.blocklist.has(leader):  # it doubts no more than a third
+            self._given_up = leader
 
     def _bar_defiant(self, lease: Lease | None, now_s: float) -> None:
         """Keep those blocked that go on to say that they lead, as long as another leads the majority."""

@@ -8,15 +8,16 @@ import pytest
 
 from companion.core.model.beacon import Beacon, Lease
 from companion.core.model.events import Position
-from companion.core.model.states import FlightState
+from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO
 from companion.core.swarm.election import SEQ_JUMP, Election
 from companion.core.swarm.phases import Phases
 from companion.core.swarm.picture import Picture
 from companion.core.swarm.priorities import Priorities
-from companion.core.swarm.trust.blocklist import BLOCKED_S, DOUBT_LIMIT, Blocklist
+from companion.core.swarm.trust.blocklist import BLOCKED_S, DOUBT_LIMIT
 from companion.core.swarm.trust.lead_watch import APART_PERIODS
-from companion.core.swarm.trust.trust import ALONE_S, Trust
+from companion.core.swarm.trust.trust import Trust
+from mission.common.frames import Vec3
 from tests.unit.core.core_election_kit import follower_of
 from tests.unit.core.core_kit import beacon, lease, mission, picture
 
@@ -31,8 +32,9 @@ def trust() -> Trust:
     return Trust(MISSION, ME, Priorities(MISSION))
 
 
-def look(now_s: float) -> Picture:
-    return picture(now_s=now_s, own=Position(ZERO, ZERO, None), state=FlightState.TRANSIT, airborne=True)
+def look(now_s: float, pos_ned_m: Vec3 = ZERO, *, dest_ned_m: Vec3 | None = None) -> Picture:
+    own = Position(pos_ned_m, ZERO, None)
+    return picture(now_s=now_s, own=own, state=FlightState.TRANSIT, airborne=True, dest_ned_m=dest_ned_m)
 
 
 def receive(judge: Trust, said: Beacon, election: Election, now_s: float) -> bool:
@@ -112,8 +114,8 @@ def test_one_that_starts_anew_does_not_count_ahead_of_itself() -> None:
         assert judge.accused == 0
 
 
-def give_up(*, followers: int, accuser: int = 0, until_s: float = ALONE_S) -> tuple[Trust, Election, bool]:
-    """A follower that gives up a leader at 1 s; whether it might have led itself, by then."""
+def give_up(*, followers: int, accuser: int = 0, until_s: float) -> tuple[Trust, Election]:
+    """A follower that gives up a leader at 1 s; it hears these follow that one, by relayed counts."""
     judge, election, phases = trust(), follower_of(OWN), Phases(MISSION)
     receive(judge, beacon(LEADER, lease=OWN), election, 0.9)
     receive(judge, beacon(LEADER, lease=replace(OWN, seq=9999)), election, 1.0)
@@ -124,34 +126,53 @@ def give_up(*, followers: int, accuser: int = 0, until_s: float = ALONE_S) -> tu
             accused = LEADER if sender == accuser else 0
             receive(judge, beacon(sender, lease=replace(OWN, seq=500 + k), hop=1, accused=accused), election, now_s)
         judge.run_period(look(now_s), election, phases, is_held=False)
-    return judge, election, judge.bars_lead(now_s)
+    return judge, election
 
 
 @pytest.mark.parametrize(
     ("followers", "accuser", "waits"), [(2, 0, True), (7, 0, True), (2, 3, False), (1, 0, False), (0, 0, False)]
 )
-def test_who_alone_gives_up_a_leader_that_others_follow_waits_and_follows_it_again(
+def test_who_alone_gives_up_a_leader_that_others_follow_claims_no_lead(
     followers: int, accuser: int, waits: bool
 ) -> None:
     """One that a false place had pushed off the way led nobody, beside the leader of the others, for 57 s."""
-    judge, _, barred = give_up(followers=followers, accuser=accuser)
-    assert (judge.accused, barred) == (LEADER, waits)
-    judge, election, barred = give_up(followers=followers, accuser=accuser, until_s=ALONE_S + 0.3)
-    assert not barred
-    assert judge.accused == (0 if waits else LEADER)
-    assert (election.lease is not None) is waits
+    judge, _ = give_up(followers=followers, accuser=accuser, until_s=20.0)
+    assert judge.bars_lead(21.0) is waits
 
 
-def test_what_is_proven_is_not_forgiven() -> None:
-    blocked = Blocklist(9)
-    for vehicle in (3, 4):
-        blocked.note_doubt(vehicle, "lies", DOUBT_LIMIT, 1.0)
-    blocked.block(4, "equivocates")
-    for vehicle in (3, 4, 5):
-        blocked.forgive(vehicle)
-    assert [blocked.has(vehicle) for vehicle in (3, 4)] == [False, True]
-    blocked.note_doubt(3, "lies", 0.5 * DOUBT_LIMIT, 1.0)
-    assert not blocked.has(3)
+def test_that_others_follow_it_frees_nobody_whom_one_has_given_up() -> None:
+    """Time does: what others say may only restrict."""
+    judge, election = give_up(followers=7, until_s=BLOCKED_S - 0.5)
+    assert (judge.accused, election.lease) == (LEADER, None)
+    judge, election = give_up(followers=7, until_s=BLOCKED_S + 1.0)
+    assert judge.accused == 0
+    assert election.lease is not None
+    assert not judge.bars_lead(2.0 + BLOCKED_S)
+
+
+@pytest.mark.parametrize("is_full", [False, True])
+def test_after_its_minute_a_leader_has_to_take_nobody_farther_off(is_full: bool) -> None:
+    """One that was pushed off the way gave the same leader up at once, again and again. One that was not blocked, as
+    too many were, is given no other bound.
+    """
+    judge, election, phases = trust(), follower_of(OWN), Phases(MISSION)
+    for vehicle in (3, 4) if is_full else ():
+        judge.blocklist.note_doubt(vehicle, "lies", DOUBT_LIMIT, 1.0)
+    phases.adopt_phase(SwarmPhase.GATHER, 0.0)
+    judge.run_period(look(0.0), election, phases, is_held=False)
+    phases.adopt_phase(SwarmPhase.TRANSIT, 1.0)
+    for _ in range(2):
+        judge.run_period(look(1.0, dest_ned_m=(80.0, 0.0, 0.0)), election, phases, is_held=False)
+
+    def fly(since_s: float, east_m: float) -> int:
+        for k in range(30):
+            judge.run_period(look(since_s + 0.1 * k, (40.0, east_m, 0.0)), election, phases, is_held=False)
+        return judge.accused
+
+    assert fly(3.0, 90.0) == (0 if is_full else LEADER)
+    judge.run_period(look(9.0 + BLOCKED_S, (40.0, 90.0, 0.0)), election, phases, is_held=False)
+    election = follower_of(OWN)
+    assert fly(10.0 + BLOCKED_S, 90.0) == (LEADER if is_full else 0)
 
 
 def test_who_is_blocked_and_leads_on_stays_blocked_while_another_leads() -> None:
