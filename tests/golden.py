@@ -23,7 +23,8 @@ the difference before you keep it.
 | `down 1` | it touches the ground |
 | `unlink 1`, `link 1` | autopilot and companion do not hear each other; do |
 | `fix 1 off` | its receiver has no fix, and positions go on (`on`: it has one again) |
-| `displace 1 0 6`, `freeze 1 on` | its position is so far off, north and east; stays as it is (`off`: goes on) |
+| `displace 1 0 6`, `displace 1 0 0 6` | its position is so far off, north, east (and up) |
+| `freeze 1 on` | its position stays as it is (`off`: goes on) |
 | `astray 1` | its fix would be found to be led astray, if trunks told its way |
 | `heartbeat 1 off`, `position 1 off`, `late 1 1.5` | no mode, no position told (`on`: again); told late, by s |
 | `health 1 off` | no charge and no readiness to arm told (`on`: again) |
@@ -287,8 +288,8 @@ class Player:
     def do_fix(self, vehicle: str, on: str) -> None:
         self.one(vehicle).has_fix = on == "on"
 
-    def do_displace(self, vehicle: str, north_m: str, east_m: str) -> None:
-        self.one(vehicle).off_ned_m = (float(north_m), float(east_m), 0.0)
+    def do_displace(self, vehicle: str, north_m: str, east_m: str, up_m: str = "0") -> None:
+        self.one(vehicle).off_ned_m = (float(north_m), float(east_m), 0.0 - float(up_m))
 
     def do_freeze(self, vehicle: str, on: str) -> None:
         one = self.one(vehicle)

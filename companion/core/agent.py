@@ -61,7 +61,7 @@ class Agent:
         self.swarm = Swarm(mission, vehicle_id, operator or FloodedOrders())
         self.movement = stages.build_guidance(mission, vehicle_id)
         self.perception = build_perception(mission, vehicle_id, is_odometry=self.localiser.may_lose_position)
-        self.own_position = OwnPosition(self.localiser, self.perception)
+        self.own_position = OwnPosition(mission, self.localiser, self.perception)
         self.rise, self.sensors = build_rise(mission, self.perception), ObstacleSensorMonitor(self.perception.stale_s)
         self._lane_ends, self._visits = 2 * len(mission.lanes), len(mission.visits)  # lanes' ends come first
         self.disturbances = build_disturbance_observer(mission)
@@ -181,7 +181,7 @@ class Agent:
             battery_percent=vehicle.battery_percent,
             lacks=[
                 *vehicle.findings(now_s, gnss_lost_s=localiser.gnss_lost_s(now_s)),
-                *self.own_position.findings(now_s, airborne=vehicle.airborne),
+                *self.own_position.findings(now_s, airborne=vehicle.airborne, began_aloft=vehicle.began_aloft),
             ],
             neighbours=localiser.neighbours,
             silent=localiser.silent,

@@ -15,6 +15,7 @@ ENDS = {  # with these the flight ends: only a landing follows, or nothing does
     Cause.NO_MAJORITY_LONG,
     Cause.OBSTACLES_LOST,
     Cause.POSITION_DOUBTED_LONG,
+    Cause.HEIGHT_FALSE,
     Cause.SWARM_LANDS,
 }
 

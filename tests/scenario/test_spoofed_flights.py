@@ -83,6 +83,18 @@ def test_a_height_that_is_wrong_at_once_brings_nobody_down_or_up(
     assert "vehicle 2: hold: position jumped" in shown
 
 
+@pytest.mark.parametrize("height_m", [10.0, -10.0])
+def test_a_companion_that_starts_anew_under_a_wrong_height_lands_softly(height_m: float, tmp_path: Path) -> None:
+    """What it took off its height is forgotten: it would go down by 10 m to be where it is already."""
+    tables = with_fault("height-error", 2, height_m=height_m).model_dump(by_alias=True)
+    restart = {"kind": "restart", "vehicles": [2], "phase": "transit", "at_s": 10.0, "for_s": 3.0}
+    tables["sim"]["faults"] = [*tables["sim"]["faults"], restart]
+    outcome, shown = flown(Mission.model_validate(tables), tmp_path)
+    assert outcome.metrics.contacts == 0, shown
+    assert "vehicle 2: land: height cannot be true" in shown
+    assert outcome.summary["grade"] == Grade.DEGRADED, shown
+
+
 def test_in_the_open_a_leader_whose_position_leaves_its_velocity_goes_by_that_and_lands(tmp_path: Path) -> None:
     outcome, shown = flown(with_fault("position-drift", 1, drift_mps=(0.0, 0.4)), tmp_path)
     assert outcome.metrics.contacts == 0

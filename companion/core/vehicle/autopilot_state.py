@@ -57,6 +57,7 @@ class Vehicle:
         self.position: Position | None = None
         self.mode: AutopilotMode | None = None
         self.landed = LandedState.UNDEFINED
+        self.began_aloft = False  # what it told first is that it is in the air; until it is on the ground
         self._ready_to_arm = False
         self._battery_percent: int | None = None
         self.heartbeat_s = -1e9
@@ -84,6 +85,8 @@ class Vehicle:
             case Landed():
                 if self.airborne:
                     self._airborne_s = now_s
+                if self.landed is LandedState.UNDEFINED or event.state is LandedState.ON_GROUND:
+                    self.began_aloft = event.state is LandedState.IN_AIR
                 self.landed, self._landed_s = event.state, now_s
             case AutopilotText() | Answer():
                 pass  # a sign of life

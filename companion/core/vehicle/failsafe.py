@@ -78,6 +78,7 @@ class Cause(IntEnum):
     NO_MAJORITY_LONG = auto()
     OBSTACLES_LOST = auto()
     POSITION_DOUBTED_LONG = auto()
+    HEIGHT_FALSE = auto()
     SWARM_LANDS = auto()
     SETPOINTS_CUT = auto()
     SETPOINTS_RETURN = auto()
@@ -149,7 +150,8 @@ class Readings(NamedTuple):
     missing: str = ""  # which vehicles, in words
     search: str = ""  # for others that are lost, in words
     unsure_of: int = 0  # LOCALISATION: a vehicle; 0: none
-    frozen_s: float = 0.0  # INTEGRITY: the position has been repeated while the vehicle moves
+    height_false: bool = False  # INTEGRITY: this companion began in the air, where none of the mission would have flown
+    frozen_s: float = 0.0  # the position has been repeated while the vehicle moves
     since_jump_s: float = math.inf  # since the position jumped last
     is_off: bool = False  # it has not come back since
     is_astray: bool = False  # the fix left the way that trunks tell, or the own velocity, or the place that ranges tell
@@ -376,6 +378,18 @@ ROWS: tuple[Row, ...] = (
         Severity.CRITICAL,
         "land: position doubted for {delay_s} s",
         delay_s=15.0,  # what it goes by meanwhile is a guess, that errs by 0.2 m/s
+        resigns=True,
+    ),
+    Row(
+        Cause.HEIGHT_FALSE,
+        Source.INTEGRITY,
+        "the companion started anew in the air, and the first height that it is told there is more than 1 m above or "
+        "below all that its mission flies at (`fence`, `survey.rise_to_m`)",
+        lambda r: there(r.height_false),
+        Response.LAND,
+        Clear.LANDED,
+        Severity.CRITICAL,
+        "land: height cannot be true",
         resigns=True,
     ),
     Row(

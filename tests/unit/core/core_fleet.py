@@ -84,7 +84,7 @@ class Aircraft:
     def put(self, pos_ned_m: Vec3) -> None:
         """There at once, as if it had flown there: or its agent would take the jump off what it is told."""
         self.pos_ned_m = pos_ned_m
-        self.agent.own_position = OwnPosition(self.agent.localiser, self.agent.perception)
+        self.agent.own_position = OwnPosition(self.agent.mission, self.agent.localiser, self.agent.perception)
 
     def forget(self, vehicle_id: int) -> None:
         """As if it had never been heard."""

@@ -30,6 +30,7 @@ from companion.core.perception.obstacle_perception import ObstaclePerception
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import Finding, Readings, Source
 from mission.common.frames import Vec3
+from mission.document.model import Mission
 
 # Of recorded positions (0.17 to 0.28 m an axis) and of scan odometry, as the bench `spoofing --open-loop` has it
 BY_TRUNKS: Final = Noise(fix_m=0.2, fix_memory_s=5.0, walk_m2_per_s=0.005, share=0.005, alarm=30.0)
@@ -41,6 +42,7 @@ SEEN_MPS: Final = 0.04  # by which that grows while trunks tell the motion: as D
 GUESSED_MPS: Final = 0.2  # and by the drift that was found alone, or as fast as that is, as it may end
 ERROR_MAX_M: Final = 25.0
 SURE_M: Final = 3.0  # a position that errs by more is not flown by
+OUTSIDE_M: Final = 1.0  # above or below all heights of the mission: gusts do not bring it there
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +73,9 @@ class _Astray:
 class OwnPosition:
     """One vehicle's."""
 
-    def __init__(self, localiser: Localiser, perception: ObstaclePerception) -> None:
+    def __init__(self, mission: Mission, localiser: Localiser, perception: ObstaclePerception) -> None:
+        self._least_up_m: Final = mission.fence.altitude_min_m - OUTSIDE_M
+        self._most_up_m: Final = max(mission.fence.altitude_max_m, mission.rise_to_m or 0.0) + OUTSIDE_M
         self._localiser: Final = localiser
         self._perception: Final = perception
         self._gate: Final = PositionGate(level=not localiser.may_lose_position)
@@ -83,6 +87,8 @@ class OwnPosition:
         self._ranged: Displaced | None = None  # the last that was taken
         self._error_m = 0.0  # of the position since
         self._seen_s = self._updated_s = 0.0  # when trunks told the motion last, and when it was looked at
+        self._flown_up_m: float | None = None
+        self._is_height_false: bool | None = None  # of one that began aloft; None: not looked at
         self.off_ned_m: Vec3 = ZERO  # position flown by less reported; 0 where all is well
 
     def receive(self, told: Position, now_s: float, *, airborne: bool, commanded_ned_mps: Vec3) -> Position:
@@ -113,6 +119,7 @@ class OwnPosition:
             self._hold_fix(gated, now_s, goes_on=goes_on)
         self.off_ned_m = self._find_off(seen.pos_ned_m, told.pos_ned_m)
         flown = localiser.receive_position(seen, now_s)
+        self._flown_up_m = -flown.pos_ned_m[2]
         if airborne and localiser.is_due_for_trunks(now_s):
             trunks = self._perception.find_solitary_trunks(seen, now_s)
             if trunks is not None:
@@ -227,10 +234,12 @@ class OwnPosition:
         error_m = self._localiser.position_error_m(now_s) + self._gate.error_m(now_s)
         return error_m if self._astray is None else error_m + self._error_m
 
-    def findings(self, now_s: float, *, airborne: bool) -> list[Finding]:
-        """By the table of failsafes."""
+    def findings(self, now_s: float, *, airborne: bool, began_aloft: bool) -> list[Finding]:
+        """By the table of failsafes. `began_aloft`: the companion started anew in the air."""
         if not airborne:
             return []
+        if began_aloft and self._is_height_false is None and self._flown_up_m is not None:
+            self._is_height_false = not self._least_up_m <= self._flown_up_m <= self._most_up_m
         gate, astray = self._gate, self._astray is not None
         frozen_s = gate.frozen_s(now_s)
         unseen_s = now_s - self._seen_s if astray else 0.0
@@ -239,6 +248,7 @@ class OwnPosition:
         return failsafe_engine.detect(
             Source.INTEGRITY,
             Readings(
+                height_false=began_aloft and self._is_height_false is True,
                 frozen_s=frozen_s,
                 since_jump_s=now_s - gate.jumped_s,
                 is_astray=astray,

@@ -78,8 +78,8 @@ class Flown:
     def __init__(self) -> None:
         self.sight = Sight()
         self.localiser = GnssLocaliser(mission(), 1)
-        self.own = OwnPosition(self.localiser, self.sight)
-        self.now_s, self.off_m = 100.0, 0.0
+        self.own = OwnPosition(mission(), self.localiser, self.sight)
+        self.now_s, self.off_m, self.up_m, self.began_aloft = 100.0, 0.0, 5.0, False
         self.told = self.flown = Position(ZERO, ZERO)
 
     def hear_receiver(self, *, has_fix: bool) -> None:
@@ -90,11 +90,12 @@ class Flown:
             self.now_s += DT_S
             self.off_m += drift_mps * DT_S
             self.sight.true_ne_m = (0.0, EAST_MPS * (self.now_s - 100.0))
-            self.told = Position((self.off_m, self.sight.true_ne_m[1], -5.0), (drift_mps, EAST_MPS, 0.0), self.now_s)
+            place = (self.off_m, self.sight.true_ne_m[1], -self.up_m)
+            self.told = Position(place, (drift_mps, EAST_MPS, 0.0), self.now_s)
             self.flown = self.own.receive(self.told, self.now_s, airborne=True, commanded_ned_mps=ZERO)
 
     def causes(self) -> list[Cause]:
-        return [found.cause for found in self.own.findings(self.now_s, airborne=True)]
+        return [found.cause for found in self.own.findings(self.now_s, airborne=True, began_aloft=self.began_aloft)]
 
 
 def test_while_all_is_well_nothing_is_changed() -> None:
@@ -187,7 +188,7 @@ def test_on_the_ground_it_begins_anew() -> None:
         one.fly(DT_S, 0.3)
     told = Position((3.0, 50.0, 0.0), ZERO, one.now_s + DT_S)
     assert one.own.receive(told, one.now_s + DT_S, airborne=False, commanded_ned_mps=ZERO) is told
-    assert one.own.findings(one.now_s, airborne=False) == []
+    assert one.own.findings(one.now_s, airborne=False, began_aloft=False) == []
 
 
 def ranged(one: Flown, *off_ne_m: float, error_m: float = 1.0) -> None:
@@ -295,7 +296,7 @@ def test_where_ranges_place_the_others_heights_alone_are_told_otherwise() -> Non
     """There the odometer leaves the reported position, and a beacon has no level position."""
     trunks_alone = mission(swarm={"size": 3}, ranging={"start_enu_m": [[0, 0, 0], [6, 0, 0], [0, 6, 0]]})
     sight = Sight()
-    own = OwnPosition(GnssDeniedLocaliser(trunks_alone, 1), sight)
+    own = OwnPosition(trunks_alone, GnssDeniedLocaliser(trunks_alone, 1), sight)
     heard = HeardBeacon(beacon(2), (0.0, 0.0, 3.0))
     for k in range(60):
         off_m = 9.0 if k >= 40 else 0.0
@@ -342,3 +343,35 @@ def test_a_gap_of_telemetry_is_bridged_by_the_velocity_and_told() -> None:
     one.fly(1.0)
     assert one.flown.pos_ned_m[:2] == pytest.approx(one.sight.true_ne_m, abs=0.01)
     assert one.own.error_m(one.now_s) >= error_m + 1.5 * EAST_MPS
+
+
+FENCE = mission().fence
+
+
+@pytest.mark.parametrize(
+    ("up_m", "is_false"),
+    [
+        (FENCE.altitude_min_m - 0.9, False),
+        (FENCE.altitude_min_m - 1.1, True),
+        (FENCE.altitude_max_m + 0.9, False),
+        (FENCE.altitude_max_m + 1.1, True),
+    ],
+)
+def test_who_starts_anew_where_no_companion_flies_does_not_believe_its_height(up_m: float, is_false: bool) -> None:
+    one = Flown()
+    one.up_m, one.began_aloft = up_m, True
+    one.fly(DT_S)
+    assert (Cause.HEIGHT_FALSE in one.causes()) is is_false
+    one.up_m = 5.0  # neither does a descent make it true, nor a gust false
+    one.fly(DT_S)
+    assert (Cause.HEIGHT_FALSE in one.causes()) is is_false
+    one.began_aloft = False  # it has landed
+    assert Cause.HEIGHT_FALSE not in one.causes()
+
+
+def test_a_height_outside_is_not_false_for_one_that_has_taken_off() -> None:
+    one = Flown()
+    one.up_m = FENCE.altitude_max_m + 5.0
+    one.fly(DT_S)
+    one.began_aloft = False
+    assert Cause.HEIGHT_FALSE not in one.causes()

@@ -33,7 +33,7 @@ class Flown:
     """Flies east; its position is led north, its velocity may be."""
 
     def __init__(self, noise: Swinging | None = None) -> None:
-        self.own = OwnPosition(GnssLocaliser(mission(), 1), OpenSkyPerception(mission()))
+        self.own = OwnPosition(mission(), GnssLocaliser(mission(), 1), OpenSkyPerception(mission()))
         self.noise = noise
         self.now_s, self.off_m = 100.0, 0.0
         self.flown = Position(ZERO, ZERO)
@@ -53,7 +53,7 @@ class Flown:
             self.flown = self.own.receive(self.told, self.now_s, airborne=True, commanded_ned_mps=ZERO)
 
     def causes(self) -> list[Cause]:
-        return [found.cause for found in self.own.findings(self.now_s, airborne=True)]
+        return [found.cause for found in self.own.findings(self.now_s, airborne=True, began_aloft=False)]
 
 
 def px4(seed: int) -> Swinging:

@@ -288,3 +288,15 @@ def test_readiness_to_arm_that_is_old_does_not_count() -> None:
         vehicle.receive(Landed(LandedState.ON_GROUND), 10.0 + k)
         go_on(vehicle, 10.0 + k, armed=False)
     assert vehicle.missing(22.0) == "autopilot not ready to arm"
+
+
+def test_a_companion_began_aloft_where_its_autopilot_first_says_that_it_flies_until_it_has_landed() -> None:
+    vehicle = Vehicle()
+    assert not vehicle.began_aloft
+    vehicle.receive(Landed(LandedState.IN_AIR), 10.0)
+    vehicle.receive(Landed(LandedState.LANDING), 11.0)
+    assert vehicle.began_aloft
+    vehicle.receive(Landed(LandedState.ON_GROUND), 12.0)
+    assert not vehicle.began_aloft
+    vehicle.receive(Landed(LandedState.IN_AIR), 13.0)
+    assert not vehicle.began_aloft
