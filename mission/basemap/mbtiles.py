@@ -115,9 +115,22 @@ class MbTiles:
         if not (isinstance(first, bytes) and is_picture(first)):
             raise ChartError(f"{path}: its metadata say {kind}, but a tile is no picture (png, jpeg or webp)")
         self._db.execute(_TILE, (most, -1, -1)).fetchone()  # how long it takes where there is none
+        self._check_told_zooms(path)
         bounds_deg = None if told["bounds"] is None else bounds_of(told["bounds"], path)
         shown = printable(told["attribution"] or "", TEXT_MAX)
         return About(PICTURES[kind], least, min(ZOOM_MAX, most), bounds_deg, attribution=shown)
+
+    def _check_told_zooms(self, path: Path) -> None:
+        """ChartError for zooms of the metadata that make no sense; those of the tiles are what is shown."""
+        told = {name: word for name in ("minzoom", "maxzoom") if (word := self._word(name)) is not None}
+        zooms = {name: _zoom(word) for name, word in told.items()}
+        for name, zoom in zooms.items():
+            if zoom is None:
+                value = printable(told[name], 60)
+                raise ChartError(f"{path}: {name} = {value!r}: must be a whole number, 0 to {FILE_ZOOM_MAX}")
+        least, most = zooms.get("minzoom"), zooms.get("maxzoom")
+        if least is not None and most is not None and least > most:
+            raise ChartError(f"{path}: minzoom = {least:g}: must be at most maxzoom = {most:g}")
 
     def _word(self, name: str) -> str | None:
         found = self._db.execute("SELECT value FROM metadata WHERE name = ?", (name,)).fetchone()
@@ -148,6 +161,15 @@ def _authorise(action: int, _one: Any, two: Any, *_: Any) -> int:
         return sqlite3.SQLITE_OK
     is_plain = action == sqlite3.SQLITE_FUNCTION and str(two).lower() in FUNCTIONS
     return sqlite3.SQLITE_OK if is_plain else sqlite3.SQLITE_DENY
+
+
+def _zoom(text: str) -> float | None:
+    """None: it is no zoom that a file may have."""
+    try:
+        zoom = float(text)
+    except ValueError:
+        return None
+    return zoom if 0.0 <= zoom <= FILE_ZOOM_MAX and zoom.is_integer() else None  # false for NaN
 
 
 def bounds_of(text: str, path: Path) -> tuple[float, float, float, float]:

@@ -85,6 +85,23 @@ def test_a_zoom_that_is_none_is_refused_with_its_value(zoom: str, tmp_path: Path
     assert "must be a whole number, 0 to 30" in refusal(path)
 
 
+@pytest.mark.parametrize("name", ["minzoom", "maxzoom"])
+@pytest.mark.parametrize("zoom", ["999999999", "-5", "31", "0.5", "nan", "1e999", "", "all"])
+def test_a_zoom_of_the_metadata_that_is_none_is_refused_with_its_value(name: str, zoom: str, tmp_path: Path) -> None:
+    path = mbtiles(tmp_path / "m.mbtiles", {(0, 0, 0): PNG}, **{name: zoom})
+    assert f"{name} = {zoom!r}: must be a whole number, 0 to 30" in refusal(path)
+
+
+def test_zooms_of_the_metadata_the_wrong_way_round_are_refused(tmp_path: Path) -> None:
+    path = mbtiles(tmp_path / "m.mbtiles", {(0, 0, 0): PNG}, minzoom="9", maxzoom="8")
+    assert "minzoom = 9: must be at most maxzoom = 8" in refusal(path)
+
+
+def test_zooms_of_the_metadata_do_not_change_what_is_shown(tmp_path: Path) -> None:
+    with closing(open_chart(mbtiles(tmp_path / "m.mbtiles", {(3, 0, 0): PNG}, minzoom="0", maxzoom="30"))) as chart:
+        assert (chart.about.min_zoom, chart.about.max_zoom) == (3, 3)
+
+
 def test_a_zoom_that_the_page_cannot_show_is_cut_or_refused(tmp_path: Path) -> None:
     path = database(tmp_path / "m.mbtiles", TABLE, f"INSERT INTO tiles VALUES (28, 0, 0, {TILE})")
     assert "zoom_level = 28: has no tile up to 24" in refusal(path)
