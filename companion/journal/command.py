@@ -19,19 +19,30 @@ EXIT_DIFFERS = 1
 
 
 def replay(arguments: argparse.Namespace) -> int:
-    """The exit code: 0 all is the same, 1 it is not, or could not all be run again, 2 no tick was asked for."""
+    """The exit code: 0 all is the same, 1 it is not, or could not all be run again, 2 a file, or no tick asked for."""
+    are_same: list[bool | None] = []
+    has_bad_file = False
     try:
-        flights = find_flights(Path(arguments.log))
-        are_same = [_replay_told(flight, arguments) for flight in flights]
+        for flight in find_flights(Path(arguments.log)):
+            try:
+                are_same.append(_replay_told(flight, arguments))
+            except BlackBoxError as error:  # the others are run all the same
+                has_bad_file = _refused(error)
     except BlackBoxError as error:
-        print(f"companion: {error}", file=sys.stderr)
-        return EXIT_BAD_FILE
+        has_bad_file = _refused(error)
     except ModuleNotFoundError as error:  # of a flight with a survey
         print(f"companion: this flight has a survey, which needs {error.name}: the extra `survey`", file=sys.stderr)
         return EXIT_ENVIRONMENT
+    if has_bad_file:
+        return EXIT_BAD_FILE
     if False in are_same:
         return EXIT_DIFFERS
     return EXIT_DONE if True in are_same else EXIT_BAD_FILE
+
+
+def _refused(error: BlackBoxError) -> bool:
+    print(f"companion: {error}", file=sys.stderr)
+    return True
 
 
 def _replay_told(flight: Flight, arguments: argparse.Namespace) -> bool | None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import stat
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +17,7 @@ from companion.journal import mcap
 from companion.journal.channels import ARRIVED, OUTPUTS, UNCHAINED_HEAD, Channel, Json, unsealed
 from companion.journal.journal import BEGIN, begin_chain
 from companion.journal.segments import find_segments, segment_key
+from mission.common.files import open_at_once
 
 SEGMENT_BYTES_MAX = 1 << 30  # more is no segment of ours
 NAMED = "vehicle-K-flight-F-S.mcap"
@@ -155,9 +158,13 @@ def _cut_off(chain: _Chain, what: str, *, is_torn: bool) -> Iterator[CutOff]:
 
 def _file_bytes(path: Path) -> bytes:
     try:
-        if path.stat().st_size > SEGMENT_BYTES_MAX:
-            raise BlackBoxError(f"{path}: more than {SEGMENT_BYTES_MAX >> 20} MiB: is no segment of ours")
-        return path.read_bytes()
+        with open(path, "rb", opener=open_at_once) as file:
+            status = os.fstat(file.fileno())
+            if not stat.S_ISREG(status.st_mode):
+                raise BlackBoxError(f"{path}: is not a regular file")
+            if status.st_size > SEGMENT_BYTES_MAX:
+                raise BlackBoxError(f"{path}: more than {SEGMENT_BYTES_MAX >> 20} MiB: is no segment of ours")
+            return file.read(SEGMENT_BYTES_MAX)
     except OSError as error:
         raise BlackBoxError(f"{path}: cannot be read: {error.strerror}") from None
 

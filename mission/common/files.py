@@ -36,7 +36,7 @@ def refused(place: str, line: int | None, message: str) -> MissionError:
 def read_bytes(path: str | os.PathLike[str], place: str, most_bytes: int) -> bytes:
     """All of the regular file `path`, at most `most_bytes`; MissionError names `place`."""
     try:
-        with open(path, "rb", opener=_open_at_once) as file:
+        with open(path, "rb", opener=open_at_once) as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
                 raise refused(place, None, "is not a regular file")
             data = file.read(most_bytes + 1)
@@ -75,6 +75,6 @@ def parsed_json(text: str, place: str) -> Any:
         raise refused(place, None, f"not JSON: {printable(str(error))}") from None
 
 
-def _open_at_once(path: str, flags: int) -> int:
-    """Opening a named pipe that nobody writes to would wait for ever."""
+def open_at_once(path: str, flags: int) -> int:
+    """As an opener: opening a named pipe that nobody writes to would wait for ever."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))

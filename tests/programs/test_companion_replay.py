@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -158,6 +159,26 @@ def test_a_box_that_a_full_disk_has_cut_is_told_as_not_closed(
 def test_what_is_no_box(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["replay", str(tmp_path / "none")]) == 2
     assert capsys.readouterr().err == f"companion: {tmp_path}/none: cannot be read: No such file or directory\n"
+
+
+def make_folder(path: Path) -> None:
+    path.mkdir()
+
+
+@pytest.mark.parametrize(
+    ("make", "why"), [(os.mkfifo, "is not a regular file"), (make_folder, "cannot be read: Is a directory")]
+)
+@pytest.mark.parametrize("vehicle_id", [2, 9])
+def test_what_is_no_file_is_named_and_the_other_boxes_are_run(
+    vehicle_id: int, make: Callable[[Path], None], why: str, flight: Flight, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before it in the order, or behind; a pipe that nobody writes to is not waited for."""
+    box = flight.segments[1].with_name(f"vehicle-{vehicle_id}-flight-0001-0001.mcap")
+    make(box)
+    assert cli.main(["replay", str(box.parent)]) == 2
+    out, err = capsys.readouterr()
+    assert out.splitlines()[-1] == "SAME: 40 of 40 ticks, bit for bit"
+    assert err == f"companion: {box}: {why}\n"
 
 
 @pytest.mark.parametrize("name", ["renamed", "vehicle-3-flight-0001-0001.mcap"])
