@@ -29,6 +29,10 @@ class BlackBoxError(Exception):
     """There is no black box, or none that can be read."""
 
 
+class NoBlackBoxError(BlackBoxError):
+    """No file of a folder is named as one."""
+
+
 @dataclass(frozen=True, slots=True)
 class Flight:
     """The segments of one flight of one vehicle, by their numbers."""
@@ -112,7 +116,7 @@ def find_flights(path: Path) -> list[Flight]:
         if key is None or key[:2] == (vehicle_id, number):
             flights.setdefault((vehicle_id, number), {})[segment] = file
     if not flights:
-        raise BlackBoxError(f"{path}: holds no black box: no file is named {NAMED}")
+        raise NoBlackBoxError(f"{path}: holds no black box: no file is named {NAMED}")
     return [Flight(vehicle_id, number, files) for (vehicle_id, number), files in flights.items()]
 
 

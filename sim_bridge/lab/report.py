@@ -14,7 +14,7 @@ from sim_bridge.errors import StartError
 from sim_bridge.judge import page, run_folder
 from sim_bridge.judge.outcome import NAME_CHARS, print_figures
 from sim_bridge.judge.page.basemap import piece_of
-from sim_bridge.judge.page.black_boxes import box_lines, box_section, read_boxes
+from sim_bridge.judge.page.black_boxes import box_lines, box_section, damage_lines, read_boxes
 from sim_bridge.judge.progress import Progress
 from sim_bridge.lab.compare import NAMES, compare_figures, comparison, table
 from sim_bridge.lab.judged import Judged, judged
@@ -24,7 +24,10 @@ COMPARISON = "comparison.html"
 
 
 def run(args: argparse.Namespace) -> int:
-    """Exit code: 0, 1 a mission failed. RunFolderError or MissionError: a folder is not that of a flight."""
+    """Exit code: 0, 1 a mission failed, 2 a black box is damaged, and all else is done.
+
+    RunFolderError or MissionError: a folder is not that of a flight.
+    """
     folder: Path = args.folder
     if (folder / ROWS).is_file():
         if args.against is not None or args.map is not None:
@@ -52,8 +55,13 @@ def run(args: argparse.Namespace) -> int:
         print(f"  {'replay':<{NAME_CHARS}} {file}")
         if flight.verdict.text is not None:
             print(flight.verdict.text)
+    damaged = damage_lines(boxes)
+    for line in damaged:
+        print(f"sim-bridge: {line}", file=sys.stderr)
     if args.open:
         page.show(file)
+    if damaged:
+        return EXIT_BAD_FILE
     return 1 if flight.verdict.succeeded is False else 0
 
 
