@@ -71,6 +71,7 @@ class Journal:
         self.lines: Final = deque[str](maxlen=8)  # to be said
         self.ticks = 0  # recorded or lost
         self.lost = 0  # of them
+        self.incomplete = ""  # ticks that are lost, and why, once it is closed; empty: none
         self.link = begin_chain(head)  # of the last tick
         self._writer: Final = writer
         self._start = encode(start)
@@ -129,7 +130,8 @@ class Journal:
         if self._waiting or self.lost:
             why = self._error or (self._gap or (0, "slow disk"))[1]
             is_open = ", and it is not closed" if self._waiting else ""
-            self.lines.append(f"black box: incomplete: {why}: {self.lost} of {self.ticks} ticks are LOST{is_open}")
+            self.incomplete = f"incomplete: {why}: {self.lost} of {self.ticks} ticks are LOST{is_open}"
+            self.lines.append(f"black box: {self.incomplete}")
 
     # --- chain and chunks ---
 

@@ -26,7 +26,7 @@ from sim_bridge.drive.garbage import collect_less
 from sim_bridge.drive.interrupts import no_more_interrupts
 from sim_bridge.drive.live.live import Live
 from sim_bridge.drive.lockstep.airframes_made import counted
-from sim_bridge.drive.lockstep.black_box import FOLDER_NAME, MakesBox, boxes_of
+from sim_bridge.drive.lockstep.black_box import FOLDER_NAME, Boxes
 from sim_bridge.drive.lockstep.fleet_keys import FleetKeys, key_files
 from sim_bridge.drive.lockstep.harvest import Harvest, describe_records, harvest_of
 from sim_bridge.drive.lockstep.lockstep import Companion, CompanionLostError, InProcess, Lockstep
@@ -281,7 +281,8 @@ def fly(
         harvest = harvest_of(mission, world, folder, stack, keys)
         if forks is None or folder is None:
             beacons = Reader(world.frame, remembers=BEACONS_REMEMBERED)
-            boxes = boxes_of(mission, folder if black_box else None, entrant.note())
+            boxes = Boxes(mission, folder if black_box else None, entrant.note())
+            stack.callback(boxes.tell_losses, lambda line: progress.event(world.now_s, line))
             start: Callable[[int], Companion] = partial(_in_process, mission, beacons, stages, harvest, keys, boxes)
             companions += [start(k) for k in world.vehicles]
         else:
@@ -360,17 +361,16 @@ def _in_process(
     stages: StageFactory,
     harvest: Harvest | None,
     keys: FleetKeys | None,
-    boxes: MakesBox,
+    boxes: Boxes,
     vehicle_id: int,
 ) -> InProcess:
     """A companion in this process, with the disk that its vehicle has."""
     guard, orders = (None, None) if keys is None else (keys.guard(vehicle_id), keys.orders(vehicle_id))
     records = None if harvest is None else harvest.open(vehicle_id)
     disk = None if harvest is None else harvest.disks[vehicle_id]
-    box = boxes(vehicle_id, guard, orders)
     one = partial(InProcess, mission, vehicle_id, beacons=beacons, stages=stages, records=records, disk=disk)
     returns = None if harvest is None else harvest.returns(vehicle_id)
-    return one(guard=guard, orders=orders, box=box, returns=returns)
+    return one(guard=guard, orders=orders, box=boxes.make_box(vehicle_id, guard, orders), returns=returns)
 
 
 def _run(

@@ -102,7 +102,7 @@ def write_page(outcome: Outcome, folder: Path, title: str, progress: Progress) -
     """Write the page that replays the flight in `folder`; which files are missing there, and why."""
     unwritten = list(outcome.unwritten)
     if not (folder / run_folder.FILE_NAME).exists():
-        return unwritten
+        return [*unwritten, f"{folder / page.PAGE_NAME}: not made: there is no {run_folder.FILE_NAME}"]
     recording, faults = run_folder.load(folder), run_folder.load_faults(folder)
     with _noting_unwritten(unwritten), progress.working("writing its replay"):
         page.write_flight(

@@ -5,12 +5,16 @@ from __future__ import annotations
 import errno
 import io
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from companion.journal.reading import find_flights
+from companion.journal.segments import SegmentFiles
+from companion.journal.summary import summarise_flight
 from companion.mavlink import dialect
 from companion.mavlink.framing import wire
 from mission.document.load import dump_mission
@@ -41,6 +45,17 @@ class FullDisk(io.RawIOBase):
             raise FULL
         self.room_bytes -= len(data)
         return len(data)
+
+
+def fill_segments(room_bytes: int) -> Callable[[SegmentFiles, bytes], None]:
+    """Black boxes have so much room, all together."""
+    disk, append = FullDisk(room_bytes), SegmentFiles._append
+
+    def append_full(files: SegmentFiles, data: bytes) -> None:
+        disk.write(data)
+        append(files, data)
+
+    return append_full
 
 
 @pytest.fixture
@@ -82,15 +97,37 @@ def test_a_flight_on_a_full_disk_has_its_verdict_and_names_what_is_missing(
     file, folder = tmp_path / "two.toml", tmp_path / "run"
     file.write_text(dump_mission(short_mission(swarm={"size": 2}, route={"d2_enu_m": (12, 0, 4)})))
     fill(".tlog", *LOST)
+    monkeypatch.setattr(SegmentFiles, "_append", fill_segments(300_000))
     monkeypatch.setattr(fly_program, "interrupt_once", lambda: None)  # the signals are the test runner's
-    code = cli.main(["fly", str(file), "--agents", "in-process", "--kill", "2@9999", "--out", str(folder)])
+    code = cli.main(
+        ["fly", str(file), "--agents", "in-process", "--black-box", "--kill", "2@9999", "--out", str(folder)]
+    )
     out, err = capsys.readouterr()
     assert out.splitlines()[-1].startswith("ARRIVED: "), err
     for name in ("vehicle-1.tlog", "vehicle-2.tlog", *LOST):
-        said = name != "report.html"  # it is made of the recording, and there is none
-        assert err.count(f"{folder / name}: cannot be written: No space left on device") == said, err
+        why = "not made: there is no recording.npz" if name == "report.html" else f"cannot be written: {FULL.strerror}"
+        assert err.count(f"{folder / name}: {why}") == 1, err
+    for k, flight in enumerate(find_flights(folder / "black-box"), start=1):
+        there = summarise_flight(flight).ticks
+        (line,) = [line for line in err.splitlines() if f"{folder}/black-box: black box of vehicle {k}: " in line]
+        lost, flown_ticks = map(int, re.findall(r"(\d+) of (\d+) ticks are LOST, and it is not closed$", line)[0])
+        assert f"incomplete: {FULL.strerror}: " in line
+        assert there == flown_ticks - lost > 0
+        assert lost > 0
     assert code == 3
     assert not [name for name in LOST if (folder / name).exists()]
+
+
+@pytest.mark.parametrize("kill", [(), ("--kill", "2@20")])
+def test_a_flight_whose_black_boxes_are_whole_says_nothing_of_them(
+    kill: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, folder = tmp_path / "two.toml", tmp_path / "run"
+    file.write_text(dump_mission(short_mission(swarm={"size": 2}, route={"d2_enu_m": (12, 0, 4)})))
+    monkeypatch.setattr(fly_program, "interrupt_once", lambda: None)
+    cli.main(["fly", str(file), "--agents", "in-process", "--black-box", *kill, "--out", str(folder)])
+    assert "incomplete" not in capsys.readouterr().err
+    assert len(find_flights(folder / "black-box")) == 2
 
 
 def test_a_page_that_cannot_be_written_costs_no_verdict(

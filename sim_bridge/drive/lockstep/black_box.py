@@ -18,7 +18,6 @@ from mission.document.load import dump_mission
 from mission.document.model import Mission
 from sim_bridge.options.report import BOXES_NAME
 
-MakesBox = Callable[[int, Guard | None, OrderBook | None], "SimulatedBox | None"]
 FOLDER_NAME: Final = BOXES_NAME
 WAIVED: Final = "all"  # as `--waive all` of a companion that is a process
 
@@ -53,6 +52,8 @@ class SimulatedBox:
             guard=guard,
             orders=orders,
         )
+        self.vehicle_id: Final = vehicle_id
+        self._recorder: Recorder | None = None
         self._writer: Final = DirectWriter(files_of(folder, start, waits_for_disk=False))
         self._box: Final = BlackBox(self._writer, start)
         self.guard: Final = self._box.record_guard(guard)
@@ -64,21 +65,45 @@ class SimulatedBox:
 
     def record_endpoint(self, endpoint: Endpoint) -> Recorder:
         """Takes the endpoint's inputs from now on."""
-        return self._box.record_endpoint(endpoint)
+        self._recorder = self._box.record_endpoint(endpoint)
+        return self._recorder
+
+    @property
+    def incomplete(self) -> str:
+        """Words for the ticks that are lost, once the box is closed; empty: none."""
+        return "" if self._recorder is None else self._recorder.journal.incomplete
 
     def fill(self, *, full: bool) -> None:
         """Nothing more is written, or again."""
         self._writer.fill(full=full)
 
 
-def boxes_of(mission: Mission, folder: Path | None, flown_by: str) -> MakesBox:
-    """Makes the black box of a vehicle's companion, with guard and orders, in `folder` of a run; None: none."""
-    if folder is None:
-        return lambda _vehicle_id, _guard, _orders: None
-    text, boxes = dump_mission(mission), folder / FOLDER_NAME
-    return lambda vehicle_id, guard, orders: SimulatedBox(
-        boxes, mission, text, vehicle_id, flown_by=flown_by, guard=guard, orders=orders
-    )
+class Boxes:
+    """Black boxes of all companions in this process: of one that is started again, another one."""
+
+    def __init__(self, mission: Mission, folder: Path | None, flown_by: str) -> None:
+        """In `folder` of a run; None: no companion keeps one."""
+        self._mission: Final = mission
+        self._text: Final = dump_mission(mission)
+        self._folder: Final = None if folder is None else folder / FOLDER_NAME
+        self._flown_by: Final = flown_by
+        self._made: Final[list[SimulatedBox]] = []
+
+    def make_box(self, vehicle_id: int, guard: Guard | None, orders: OrderBook | None) -> SimulatedBox | None:
+        """The box of one vehicle's companion, to be built with this guard and these orders; None: it keeps none."""
+        if self._folder is None:
+            return None
+        box = SimulatedBox(
+            self._folder, self._mission, self._text, vehicle_id, flown_by=self._flown_by, guard=guard, orders=orders
+        )
+        self._made.append(box)
+        return box
+
+    def tell_losses(self, say: Callable[[str], None]) -> None:
+        """Name those that lack something, once they are closed: nobody reads what a companion here logs."""
+        for box in self._made:
+            if box.incomplete:
+                say(f"{self._folder}: black box of vehicle {box.vehicle_id}: {box.incomplete}")
 
 
 def run_recorded(
