@@ -221,10 +221,10 @@ def mission_sha256(text: bytes) -> str:
 
 def _json(path: Path) -> Any:
     """ValueError in words for what is no JSON."""
+    if not path.is_file():  # a named pipe would be waited for
+        raise ValueError("is a folder" if path.is_dir() else "is no regular file")
     try:
         return json.loads(path.read_bytes())
-    except IsADirectoryError:
-        raise ValueError("is a folder") from None
     except RecursionError:
         raise ValueError("is nested too deep") from None
     except UnicodeDecodeError:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import shutil
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
@@ -132,6 +134,26 @@ def test_telemetry_that_breaks_off_is_read_up_to_there(run: Path, tmp_path: Path
     assert 0 < len(noise.fixes) < 20
     assert noise.fixes == whole.fixes[: len(noise.fixes)]
     assert read_telemetry(tmp_path / "absent.tlog", start_us).setpoints == []
+
+
+def make_pipe(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+@pytest.mark.parametrize("spoil", [Path.unlink, lambda path: path.write_bytes(b""), make_pipe])
+@pytest.mark.parametrize("vehicle_id", [1, 3])
+def test_a_log_that_is_missing_or_empty_takes_none_from_the_others(
+    vehicle_id: int, spoil: Callable[[Path], object], run: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "run"
+    shutil.copytree(run, folder)
+    spoil(folder / f"vehicle-{vehicle_id}.tlog")
+    flight, whole = load(folder), load(run)
+    assert abs(flight.start_us - whole.start_us) < 1_000_000
+    assert flight.telemetry[vehicle_id].fixes == []
+    assert 0.0 <= flight.telemetry[2].fixes[0][0] < 5.0
+    assert len(flight.telemetry[2].fixes) == len(whole.telemetry[2].fixes) > 100
 
 
 def test_without_telemetry_logs_a_flight_began_in_1970(run: Path, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -186,6 +187,15 @@ def test_a_mission_that_is_not_the_one_flown_is_told_of(tmp_path: Path, capsys: 
     (tmp_path / "mission.toml").write_text(dump_mission(NO_COVERAGE), encoding="utf-8")
     report.run(parsed(str(tmp_path)))
     assert "mission.toml: was changed after the flight" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["metrics.json", "faults.json"])
+def test_a_named_pipe_in_a_files_place_is_refused_and_not_waited_for(name: str, tmp_path: Path) -> None:
+    save_flight(tmp_path)
+    (tmp_path / "mission.toml").write_text(dump_mission(MISSION), encoding="utf-8")
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(RunFolderError, match=rf"{name}: must be the \w+ of a flight: is no regular file"):
+        report.run(parsed(str(tmp_path)))
 
 
 def test_a_folder_in_the_pages_place_is_refused_by_name(tmp_path: Path) -> None:

@@ -77,26 +77,30 @@ class Telemetry:
 
 def begins_us(path: Path) -> int:
     """Unix time of the first frame of the log in `path`; 0: there is none."""
-    try:
-        with path.open("rb") as file:
-            stamp = file.read(_STAMP.size)
-    except OSError:
-        return 0
+    stamp = _log_bytes(path, _STAMP.size)
     return int(_STAMP.unpack(stamp)[0]) if len(stamp) == _STAMP.size else 0
+
+
+def _log_bytes(path: Path, count: int = -1) -> bytes:
+    """The first `count` bytes of a log, or all; empty: there is none, or a named pipe, which would be waited for."""
+    try:
+        if not path.is_file():
+            return b""
+        with path.open("rb") as file:
+            return file.read(count)
+    except OSError:
+        return b""
 
 
 def started_us(folder: Path, n: int) -> int:
     """Unix time of time 0 of the flight of n vehicles in `folder`; 0: no log has it."""
-    return min((begins_us(folder / f"vehicle-{k}.tlog") for k in range(1, n + 1)), default=0)
+    begins = (begins_us(folder / f"vehicle-{k}.tlog") for k in range(1, n + 1))
+    return min((begin_us for begin_us in begins if begin_us), default=0)
 
 
 def frames(path: Path, start_us: int) -> Iterator[tuple[float, int, bytes]]:
     """Seconds, message id and bytes of each frame of the log in `path`, up to where it is damaged; no log has none."""
-    try:
-        data = path.read_bytes()
-    except OSError:
-        return
-    at = 0
+    data, at = _log_bytes(path), 0
     while at + _STAMP.size < len(data):
         start, end, message_id = find_frame(data, at + _STAMP.size)
         if start != at + _STAMP.size or end > len(data):
