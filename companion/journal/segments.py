@@ -116,11 +116,12 @@ class SegmentFiles:
             _sync_folder(self.folder)
 
     def _give_up_oldest(self, known: dict[tuple[int, int, int], Path]) -> None:
-        sizes = {key: path.stat().st_size for key, path in known.items()}
-        total, files = sum(sizes.values()) + self._segment_bytes, len(known) + 1
-        for key, path in known.items():
+        sizes = {key: path.stat().st_size for key, path in known.items() if path.is_file()}  # no folder, dead link
+        total, files = sum(sizes.values()) + self._segment_bytes, len(sizes) + 1
+        for key in sizes:
             if total <= self._bytes_max and files <= FILES_MAX:
                 break
+            path = known[key]
             path.unlink()
             total, files = total - sizes[key], files - 1
             own = ", the beginning of this flight: it cannot be replayed" if key[1] == self._flight else ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -84,6 +85,18 @@ def test_a_companion_that_is_started_again_and_again_makes_so_many_files_and_no_
         one.write(ONE)
         one.close()
     assert names(tmp_path) == [f"3-flight-000{k}-0001" for k in (4, 5, 6)]
+
+
+@pytest.mark.parametrize("make", [Path.mkdir, lambda path: path.symlink_to("nowhere")])
+def test_what_is_no_file_keeps_no_box_from_being_written(make: Callable[[Path], None], tmp_path: Path) -> None:
+    make(tmp_path / "vehicle-3-flight-0001-0001.mcap")
+    for k in range(2, 5):
+        one = files(tmp_path, segment_bytes=1500, bytes_max=3000)
+        outcome = one.write(ONE)
+        one.close()
+        assert (outcome.written, outcome.error) == (1, "")
+        assert f"3-flight-000{k}-0001" in names(tmp_path)
+    assert names(tmp_path) == [f"3-flight-000{k}-0001" for k in (1, 3, 4)]
 
 
 def test_then_the_beginning_of_this_flight_goes_which_is_then_not_replayed(tmp_path: Path) -> None:
