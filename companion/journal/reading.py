@@ -20,6 +20,7 @@ from companion.journal.segments import find_segments, segment_key
 from mission.common.files import open_at_once
 
 SEGMENT_BYTES_MAX = 1 << 30  # more is no segment of ours
+TIME_MAX_S = 1e9  # of a companion's clock, which counts from the board's start
 NAMED = "vehicle-K-flight-F-S.mcap"
 # Power may be lost between two segments
 TAKEN = "the next segment is missing, or was never begun; if this one is not full, entries were taken off"
@@ -266,12 +267,12 @@ def _is_tick(body: Json) -> bool:
     return (
         _is_timed(body)
         and isinstance(body["state"], str)
-        and all(isinstance(cut["reason"], str) and isinstance(cut["by_mps"], float | int | None) for cut in cuts)
+        and all(isinstance(cut["reason"], str) and _is_number_or_none(cut["by_mps"]) for cut in cuts)
         and all(isinstance(sender, int) for senders in beacons.values() for sender in senders)
         and all(isinstance(count, int) for count in body["refused"].values())
         and all(isinstance(say["text"], str) for say in said)
         and len(body["setpoint_ned_mps"]) == 3
-        and all(isinstance(v, float | int | None) for v in body["setpoint_ned_mps"])
+        and all(_is_number_or_none(v) for v in body["setpoint_ned_mps"])
     )
 
 
@@ -280,7 +281,12 @@ def _is_end(body: Json) -> bool:
 
 
 def _is_timed(body: Json) -> bool:
-    return isinstance(body["tick"], int) and isinstance(body["time_s"], float)
+    return isinstance(body["tick"], int) and isinstance(body["time_s"], float) and abs(body["time_s"]) < TIME_MAX_S
+
+
+def _is_number_or_none(value: Any) -> bool:
+    """A number that can be printed as one; a whole one may have any length in JSON."""
+    return value is None or isinstance(value, float) or (isinstance(value, int) and abs(value) < 1 << 53)
 
 
 def _object(value: Any) -> Json:

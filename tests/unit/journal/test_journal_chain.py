@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -9,12 +10,13 @@ from pathlib import Path
 import pytest
 
 from companion.journal import mcap
-from companion.journal.channels import Channel
+from companion.journal.channels import Channel, unsealed
 from companion.journal.journal import BEGIN
 from companion.journal.reading import Break, CutOff, Flight, Item, Recorded, find_flights, read_flight
 from companion.journal.recorder import head_of
 from companion.journal.replay import replay_flight
 from companion.journal.segments import DirectWriter, SegmentFiles, find_segments
+from companion.journal.summary import summarise_flight
 from tests.unit.journal.journal_kit import (
     START,
     Messages,
@@ -126,6 +128,29 @@ def test_a_changed_byte_without_its_crc_is_named_by_its_place(flight: Flight) ->
     found = breaks(list(read_flight(flight)))
     assert found[0] == f"{path.name}, byte {offset}: a chunk whose CRC is wrong"
     assert found[1].startswith("ticks ")
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        *(("time_s", value) for value in (b"NaN", b"-Infinity", b"1e308", b"1e9")),
+        ("cuts", b'[{"reason":"SEPARATION","by_mps":1' + b"0" * 400 + b"}]"),
+        ("setpoint_ned_mps", b"[0.0,0.0,1" + b"0" * 400 + b"]"),
+    ],
+)
+def test_a_number_that_no_tick_has_is_told_and_can_be_printed(key: str, value: bytes, flight: Flight) -> None:
+    """Of somebody who makes the chain anew."""
+
+    def change(messages: Messages) -> Messages:
+        at = of_tick(messages, 17).stop - 1
+        old = json.dumps(json.loads(unsealed(messages[at].data)[0])[key], separators=(",", ":")).encode()
+        data = messages[at].data.replace(b'"' + key.encode() + b'":' + old, b'"' + key.encode() + b'":' + value)
+        assert data != messages[at].data
+        return sealed_anew([*messages[:at], replace(messages[at], data=data), *messages[at + 1 :]])
+
+    forge(flight.segments[1], change)
+    assert breaks(list(read_flight(flight)))[0].endswith("behind tick 16: makes no sense")
+    assert summarise_flight(flight).lines()
 
 
 @pytest.mark.parametrize("byte", [2, 3, 5])
