@@ -16,7 +16,7 @@ from mission.common.forming import FORMED_RATIO, ring_tolerance_m
 from mission.common.frames import Vec3
 
 RADIAL_GAIN_PER_S: Final = 0.5
-RING_GAIN_PER_S: Final = 0.5
+RING_GAIN_PER_S: Final = RADIAL_GAIN_PER_S  # so the velocity tells how far the position is off
 SPHERE_GAIN_MPS: Final = 3.6  # the softest ways to rearrange are slow: at a third of this some take a minute
 LIFT_M: Final = 1.0  # the difference in height that is made up between two on one level
 LEVEL_GAIN_PER_S: Final = 0.5
@@ -57,7 +57,7 @@ def ring(
 
     `is_free`: no trunk is known to stand in that position (north, east of the vehicle). Where one does the vehicle goes
     to the position nearest to it that is free, a little off the ring rather than along it; the others keep even gaps to
-    where it then is, as they would to anybody.
+    where it then is, as they would to anybody. Beside one that is stranded it stays on the ring.
     """
     north, east, down = -dest_ned_m[0], -dest_ned_m[1], dest_ned_m[2]
     distance_m = math.hypot(north, east)
@@ -79,9 +79,9 @@ def ring(
             turn = (min(ahead, even) - min(behind, even)) / 2.0
     on_m = radius_m
     if is_free is not None or stranded_rel_ned_m:
-        free = _keep_clear(stranded_rel_ned_m, clear_m, is_free)
+        clears = _clears_all(stranded_rel_ned_m, clear_m)
         reach_m = ALONG_M + 2.0 * clear_m * len(stranded_rel_ned_m)
-        turn, on_m = _free_position((north, east), bearing, turn, radius_m, free, reach_m)
+        turn, on_m = _free_position((north, east), bearing, turn, radius_m, is_free, clears, reach_m)
         if _is_passing(stranded_rel_ned_m, (north, east), bearing, turn, radius_m, clear_m):
             on_m, room = radius_m + max(wait_m, clear_m), 1.0
         elif stranded_rel_ned_m and radius_m * abs(turn) < ARRIVED_M:
@@ -95,18 +95,26 @@ def ring(
     return add(limit(velocity, CLOSE_UP_LIMIT_MPS), (0.0, 0.0, LEVEL_GAIN_PER_S * down))
 
 
+def position_off_m(spread_ned_mps: Vec3) -> float:
+    """Level distance of the position to which a velocity of `ring` leads, m; infinite: further than it tells."""
+    level_mps = math.hypot(spread_ned_mps[0], spread_ned_mps[1])
+    return level_mps / RING_GAIN_PER_S if level_mps < SPREAD_LIMIT_MPS else math.inf
+
+
 def _free_position(
     here: tuple[float, float],
     bearing: float,
     turn: float,
     radius_m: float,
-    is_free: Callable[[float, float], bool],
+    is_free: Callable[[float, float], bool] | None,
+    clears: Callable[[float, float], bool],
     reach_m: float,
 ) -> tuple[float, float]:
     """Turn and radius of the free position nearest to the one at `turn` on the ring; that one where none is free.
 
-    `here`: north, east of the tree. `reach_m`: how far along the ring is looked, to half of it. Of two as near, the one
-    on this vehicle's side.
+    `here`: north, east of the tree. `clears`: those that are stranded are far enough off. They are made way for along
+    the ring alone: to leave it by 1.5 m spares half a metre along it, and nothing is left for errors and for gusts.
+    `reach_m`: how far along the ring is looked, to half of it. Of two as near, the one on this vehicle's side.
     """
     side = -1.0 if turn > 0.0 else 1.0
     best, least = (turn, radius_m), math.inf
@@ -115,24 +123,22 @@ def _free_position(
         if abs(along_m) >= least:
             break
         its_turn = turn + along_m / radius_m
+        cos, sin = math.cos(bearing + its_turn), math.sin(bearing + its_turn)
+        if not clears(radius_m * cos - here[0], radius_m * sin - here[1]):
+            continue
         for outward_m in OUTWARD_M:
             cost = abs(along_m) + OUTWARD_COST * abs(outward_m)
             on_m = radius_m + outward_m
-            north, east = on_m * math.cos(bearing + its_turn), on_m * math.sin(bearing + its_turn)
-            if cost < least and is_free(north - here[0], east - here[1]):
+            north_m, east_m = on_m * cos - here[0], on_m * sin - here[1]
+            if cost < least and clears(north_m, east_m) and (is_free is None or is_free(north_m, east_m)):
                 best, least = (its_turn, on_m), cost
     return best
 
 
-def _keep_clear(
-    stranded_rel_ned_m: Sequence[Vec3], clear_m: float, is_free: Callable[[float, float], bool] | None
-) -> Callable[[float, float], bool]:
-    """`is_free`, and `clear_m` from each that is stranded."""
-    if is_free is not None and not stranded_rel_ned_m:
-        return is_free
-    return lambda north_m, east_m: (
-        all([math.hypot(rel[0] - north_m, rel[1] - east_m) >= clear_m for rel in stranded_rel_ned_m])
-        and (is_free is None or is_free(north_m, east_m))
+def _clears_all(stranded_rel_ned_m: Sequence[Vec3], clear_m: float) -> Callable[[float, float], bool]:
+    """Test of a position (north, east of the vehicle): `clear_m` from each that is stranded."""
+    return lambda north_m, east_m: all(
+        [math.hypot(rel[0] - north_m, rel[1] - east_m) >= clear_m for rel in stranded_rel_ned_m]
     )
 
 

@@ -50,6 +50,10 @@ class LocalPlanner(ABC):
         """A follower's desired velocity, led past what hovers still, as far as that comes before `plan`."""
 
     @abstractmethod
+    def limit_reach(self, reach_m: float) -> None:
+        """In the next `plan` nothing counts that is further ahead: the vehicle comes to rest there."""
+
+    @abstractmethod
     def plan(self, now: GuidanceInput, desired: Vec3, dt_s: float) -> Vec3:
         """Every desired velocity, led clear of what was seen."""
 

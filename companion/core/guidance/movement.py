@@ -178,6 +178,8 @@ class Guidance:
                 stranded_rel_ned_m=list(stranded.values()),
                 clear_m=clear_m,
             )
+            if stranded:  # it comes to rest beside one, and is led round none
+                self._planner.limit_reach(coverage.position_off_m(spread))
             spacing_m = 2.0 * spec.radius_m * math.sin(math.pi / (len(around) + 1))
         else:
             spread = coverage.sphere(dest, sorted(around.items()), me=self._me, radius_m=spec.radius_m)

@@ -88,6 +88,9 @@ class OpenSkyPlanner(LocalPlanner):
         """Round what hovers: trunks are the leader's to pass."""
         return self._turn_around(desired, now, now.around.cloud.hovering, to_goal_m=math.inf)
 
+    def limit_reach(self, reach_m: float) -> None:
+        """Of no account: `plan` leads round nothing."""
+
     def plan(self, now: GuidanceInput, desired: Vec3, dt_s: float) -> Vec3:  # noqa: ARG002
         """As desired: nothing was seen."""
         return desired

@@ -117,6 +117,10 @@ class SensingPlanner(LocalPlanner):
         """As desired: `plan` leads it past."""
         return desired
 
+    def limit_reach(self, reach_m: float) -> None:
+        """For courses and detours."""
+        self._reach_m = reach_m
+
     def plan(self, now: GuidanceInput, desired: Vec3, dt_s: float) -> Vec3:
         """Through what the sensor saw, past what hovers and the mission's own trunks."""
         around, reach_m = now.around, self._reach_m

@@ -163,6 +163,34 @@ def test_beside_one_that_is_stranded_a_vehicle_keeps_its_clearance() -> None:
     assert norm(ring(SOUTH_OF_TREE, [at(180.0)], stranded=[at(24.0)])) == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.parametrize("its_reach_m", [R - 1.2, R, R + 0.8])
+@pytest.mark.parametrize("bearing_deg", [22.0, 21.0, 20.0])
+def test_beside_one_that_is_stranded_a_vehicle_stays_on_the_ring(bearing_deg: float, its_reach_m: float) -> None:
+    """Its position is up to 0.8 m too near: another was found up to 1.5 m off the ring."""
+    north_mps, east_mps, _ = ring(SOUTH_OF_TREE, [at(180.0)], stranded=[at(bearing_deg, its_reach_m)])
+    assert east_mps > 0.0
+    assert north_mps == pytest.approx(0.0, abs=1e-9)
+
+
+def test_beside_a_trunk_and_one_that_is_stranded_a_vehicle_leaves_the_ring_for_the_trunk_alone() -> None:
+    """A trunk stands in the next position that is far enough from the one that is stranded."""
+    along_m = 0.5
+    north_m, east_m = R * (1.0 - math.cos(along_m / R)), R * math.sin(along_m / R)
+
+    def is_free(north: float, east: float) -> bool:
+        return math.hypot(north - north_m, east - east_m) > 0.4
+
+    velocity = ring(SOUTH_OF_TREE, [at(180.0)], stranded=[at(22.0)], is_free=is_free)
+    assert velocity[0] != pytest.approx(0.0, abs=0.1)
+    assert velocity[1] > 0.0
+
+
+def test_off_the_ring_it_comes_no_nearer_to_one_that_is_stranded() -> None:
+    """The nearest position that the trunk leaves free is outward, and so is one that hovers 6.2 m off the ring."""
+    assert ring(SOUTH_OF_TREE, is_free=trunk(0.4))[0] < -0.1
+    assert ring(SOUTH_OF_TREE, stranded=[at(0.0, R + CLEAR_M + 0.2)], is_free=trunk(0.4))[0] > 0.1
+
+
 @pytest.mark.parametrize("bearing_deg", [24.0, -18.0])
 def test_one_that_is_stranded_is_passed_outside(bearing_deg: float) -> None:
     """Those heard are anticlockwise, so its position is far clockwise: behind the one stranded ahead, or past it."""

@@ -234,3 +234,38 @@ def test_each_speed_is_planned_only_where_its_share_of_the_room_for_gusts_is_kep
         wide = points.widened(wider_m * widens[round(math.hypot(*course), 6)])
         assert stopping.is_clear(wide, vel, vel, course, HOLD_S, slews=True)
     assert planned > 40
+
+
+def test_to_a_position_beside_one_that_is_stranded_no_course_leads_off_the_ring() -> None:
+    """The position is 6.3 m from it, and 3 m ahead: it was led round that one as round what bars the way."""
+    radius_m = 15.0
+
+    def on_ring(bearing_deg: float) -> Vec3:
+        bearing = math.radians(bearing_deg)
+        return radius_m * math.cos(bearing), radius_m * math.sin(bearing), -8.0
+
+    steered = Steered(mission(sensing={}, coverage={"radius_m": radius_m}, swarm={"size": 4}), 1)
+    pos, vel, off_m = on_ring(0.0), ZERO, 0.0
+    for k in range(400):
+        own = Position(pos, vel)
+        steered.integrate_scan(scan({}), own, DT_S * k)
+        heard = neighbour(2, sub(on_ring(220.0), pos), state=FlightState.COVERAGE, airborne=True)
+        stranded = PeerReport(3, sub(on_ring(36.0), pos), 20.0, silent=True)
+        commanded = steered.steer(
+            steered.observe(own, DT_S * k, [heard], {3: stranded}),
+            state=FlightState.COVERAGE,
+            phase=SwarmPhase.COVERAGE,
+            route=formation.NOWHERE,
+            range_m=55.0,
+            role=Role.FOLLOWER,
+            governor=1.0,
+            lease_freshness=1.0,
+            goal=None,
+            size=3,
+            dest_ned_m=scale((pos[0], pos[1], 0.0), -1.0),
+        )
+        vel = add(vel, limit(scale(sub(commanded, vel), -math.expm1(-DT_S / 0.3)), 3.0 * DT_S))
+        pos = add(pos, scale(vel, DT_S))
+        off_m = max(off_m, abs(math.hypot(pos[0], pos[1]) - radius_m))
+    assert math.degrees(math.atan2(pos[1], pos[0])) == pytest.approx(11.0, abs=2.0)
+    assert off_m < 0.3
