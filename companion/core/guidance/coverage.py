@@ -46,6 +46,7 @@ def ring(
     range_m: float,
     is_free: Callable[[float, float], bool] | None = None,
     stranded_rel_ned_m: Sequence[Vec3] = (),
+    told_rel_ned_m: Sequence[Vec3] = (),
     clear_m: float = 0.0,
 ) -> Vec3:
     """Velocity (NED m/s) to an even position on a level ring about the tree's axis; `size`: how many are to be on it.
@@ -58,6 +59,9 @@ def ring(
     `is_free`: no trunk is known to stand in that position (north, east of the vehicle). Where one does the vehicle goes
     to the position nearest to it that is free, a little off the ring rather than along it; the others keep even gaps to
     where it then is, as they would to anybody. Beside one that is stranded it stays on the ring.
+
+    `told_rel_ned_m`: where others alone have one that is stranded. Courses are led round these places, so in none of
+    them it could come to rest; but no word moves it: it goes as far as it comes to rest clear of them.
     """
     north, east, down = -dest_ned_m[0], -dest_ned_m[1], dest_ned_m[2]
     distance_m = math.hypot(north, east)
@@ -82,6 +86,9 @@ def ring(
         clears = _clears_all(stranded_rel_ned_m, clear_m)
         reach_m = ALONG_M + 2.0 * clear_m * len(stranded_rel_ned_m)
         turn, on_m = _free_position((north, east), bearing, turn, radius_m, is_free, clears, reach_m)
+        if told_rel_ned_m:
+            all_clear = _clears_all([*stranded_rel_ned_m, *told_rel_ned_m], clear_m)
+            turn = _stop_short((north, east), bearing, turn, radius_m, all_clear)
         if _is_passing(stranded_rel_ned_m, (north, east), bearing, turn, radius_m, clear_m):
             on_m, room = radius_m + max(wait_m, clear_m), 1.0
         elif stranded_rel_ned_m and radius_m * abs(turn) < ARRIVED_M:
@@ -133,6 +140,23 @@ def _free_position(
             if cost < least and clears(north_m, east_m) and (is_free is None or is_free(north_m, east_m)):
                 best, least = (its_turn, on_m), cost
     return best
+
+
+def _stop_short(
+    here: tuple[float, float],
+    bearing: float,
+    turn: float,
+    radius_m: float,
+    clears: Callable[[float, float], bool],
+) -> float:
+    """As much of `turn` as ends in a position on the ring that `clears`; 0 where none does."""
+    steps = int(radius_m * abs(turn) / ALONG_STEP_M)
+    for step in range(steps + 1):
+        its_turn = turn - math.copysign(step * ALONG_STEP_M / radius_m, turn)
+        north, east = radius_m * math.cos(bearing + its_turn), radius_m * math.sin(bearing + its_turn)
+        if clears(north - here[0], east - here[1]):
+            return its_turn
+    return 0.0
 
 
 def _clears_all(stranded_rel_ned_m: Sequence[Vec3], clear_m: float) -> Callable[[float, float], bool]:

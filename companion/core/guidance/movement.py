@@ -176,6 +176,7 @@ class Guidance:
                 range_m=now.range_m,
                 is_free=self._planner.find_free(now),
                 stranded_rel_ned_m=list(stranded.values()),
+                told_rel_ned_m=[rel for k in stranded for rel in now.around.hovering[k].elsewhere],
                 clear_m=clear_m,
             )
             if stranded:  # it comes to rest beside one, and is led round none

@@ -27,6 +27,7 @@ def ring(
     size: int | None = None,
     is_free: Callable[[float, float], bool] | None = None,
     stranded: Sequence[Vec3] = (),
+    told: Sequence[Vec3] = (),
 ) -> Vec3:
     """`size`: no more than are heard, unless a test says otherwise."""
     return coverage.ring(
@@ -38,6 +39,7 @@ def ring(
         range_m=range_m,
         is_free=is_free,
         stranded_rel_ned_m=stranded,
+        told_rel_ned_m=told,
         clear_m=CLEAR_M,
     )
 
@@ -183,6 +185,13 @@ def test_beside_a_trunk_and_one_that_is_stranded_a_vehicle_leaves_the_ring_for_t
     velocity = ring(SOUTH_OF_TREE, [at(180.0)], stranded=[at(22.0)], is_free=is_free)
     assert velocity[0] != pytest.approx(0.0, abs=0.1)
     assert velocity[1] > 0.0
+
+
+@pytest.mark.parametrize(("told_deg", "along_m"), [(60.0, 3.27), (32.0, 2.27), (27.0, 0.77), (15, 0), (-20.0, 3.27)])
+def test_it_comes_to_rest_no_nearer_to_where_others_have_one_that_is_stranded(told_deg: float, along_m: float) -> None:
+    """And none of their words moves it back: its position is 3.3 m clockwise, by what it knows itself."""
+    clockwise_mps = -ring(SOUTH_OF_TREE, [at(205.0)], stranded=[at(70.0)], told=[at(told_deg)])[1]
+    assert clockwise_mps == pytest.approx(along_m * coverage.RING_GAIN_PER_S, abs=0.01)
 
 
 def test_off_the_ring_it_comes_no_nearer_to_one_that_is_stranded() -> None:
