@@ -66,7 +66,7 @@ class ServedSwarm:
         self.agents: dict[int, Child] = {}
         stack.callback(lambda: end(list(self.agents.values())))
         self._again_s: dict[int, float] = {}
-        self._former: dict[int, Address | None] = {}  # of companions that were killed or stopped: where they spoke from
+        self._former: dict[int, tuple[Address, ...]] = {}  # where killed or stopped companions spoke from
         for k in self.world.vehicles:
             self._start(k)
         self._recorder = Recorder()
@@ -125,7 +125,7 @@ class ServedSwarm:
         if number is signal.SIGCONT:
             self._former.pop(vehicle_id, None)
         else:
-            self._former[vehicle_id] = self.server.hub.gate.address_of(vehicle_id)
+            self._former[vehicle_id] = self.server.hub.gate.addresses_of(vehicle_id)
         os.kill(self.agents[vehicle_id].pid, number)
 
     def arrive(self) -> bool:
@@ -184,8 +184,8 @@ class ServedSwarm:
         By the wall clock (`Server.tick`), one that a busy computer lets wait for half a second counts as dead, and a
         leader that does as it comes to d2 never arrives: it goes on to its place on the ring.
         """
-        address_of = self.server.hub.gate.address_of
-        alive = [k for k in self.world.vehicles if address_of(k) != self._former.get(k)]
+        addresses_of = self.server.hub.gate.addresses_of
+        alive = [k for k in self.world.vehicles if addresses_of(k) != self._former.get(k, ())]
         self._recorder.add(world_tick(self.world, self.server.hub.transmitter, alive=alive, answered=alive))
 
 
@@ -210,13 +210,13 @@ class Kill:
 
 def kill(swarm: ServedSwarm, victim: int) -> Kill:
     """kill -9 of one companion in flight, until it has rejoined."""
-    gate, former = swarm.server.hub.gate, swarm.server.hub.gate.address_of(victim)
+    gate, former = swarm.server.hub.gate, swarm.server.hub.gate.addresses_of(victim)
     times: dict[str, float] = {}
     began_s = time.monotonic()
     swarm.signal(victim, signal.SIGKILL)
 
     def rejoined() -> bool:
-        is_new = gate.address_of(victim) != former
+        is_new = gate.addresses_of(victim) != former
         seen = {
             "held": swarm.mode(victim) == "HOLD",
             "still": swarm.speed_mps(victim) < STILL_MPS,

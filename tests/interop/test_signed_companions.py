@@ -116,6 +116,9 @@ def test_served_swarm_with_keys_starts_and_holds_by_the_page(tmp_path: Path) -> 
         press("HOLD", picture["orders"]["nonce"])
         picture = until(lambda p: p["orders"]["sent"]["kind"] == "HOLD" and p["orders"]["sent"]["acting"] == [1, 2])
         assert [v["state"] for v in picture["vehicles"]] == ["hold", "hold"]
+        aborted = order(served, "abort")  # at the terminal, while the page goes on
+        assert aborted.returncode == 0, aborted.stdout + aborted.stderr
+        assert aborted.stdout.splitlines()[-1] == "ABORT: acting on it: 1, 2"
 
 
 def test_keys_that_are_not_there_are_named_before_anything_starts(tmp_path: Path) -> None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from typing import Final
 
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import COMPONENT
 from companion.mavlink.framing.frames import DATAGRAM_MAX_BYTES, frames
+from companion.mavlink.peers.session import OPERATOR_ID
 from mission.common.frames import Vec3
 from sim_bridge.drive.links.ports import Address
 from sim_bridge.drive.links.radio_node import RadioNode
@@ -18,6 +18,7 @@ from sim_bridge.world.autopilot.protocols.links import Port
 from sim_bridge.world.radio import Radio
 
 COMPANION_ALIVE_S: Final = 0.5  # five beacons: one that is started again is let in when its forerunner is surely gone
+OPERATORS_MAX: Final = 8  # programs that speak with the operator's key at a time
 CARRIED = frozenset(  # to the other companions
     {
         dialect.MAVLINK_MSG_ID_SWARM_BEACON,
@@ -35,16 +36,11 @@ SPOKEN = CARRIED | {dialect.MAVLINK_MSG_ID_HEARTBEAT}  # on the radio
 Say = Callable[[str], None]
 
 
-@dataclass(slots=True)
-class _Speaker:
-    address: Address
-    heard_s: float
-
-
 class RadioGate:
-    """Address of each vehicle's radio: the one that spoke first, while it lives. `now_s`: wall time.
+    """Addresses of each vehicle's radio: the one that spoke first, while it lives; of the operator's, several.
 
-    A companion speaks with messages of SPOKEN, of its vehicle's id and component 191; the rest is ignored.
+    `now_s`: wall time. A companion speaks with messages of SPOKEN, of its vehicle's id and component 191; the rest is
+    ignored. The operator's programs share the operator's id, as on a radio of their own: the page, and a terminal.
     """
 
     def __init__(self, ids: Iterable[int], say: Say) -> None:
@@ -52,7 +48,7 @@ class RadioGate:
         self._ids = frozenset(ids)
         self._say = say
         self._told: set[int] = set()  # vehicles about which an impostor was reported
-        self._speakers: dict[int, _Speaker] = {}
+        self._heard_s: dict[int, dict[Address, float]] = {}  # by vehicle
         self._vehicle_at: dict[Address, int] = {}
         self._port = Port(0)  # only to read
 
@@ -61,15 +57,13 @@ class RadioGate:
         """Count of received bytes that were no frame."""
         return self._port.counts.garbage_bytes
 
-    def address_of(self, vehicle_id: int) -> Address | None:
-        """Address of this vehicle's companion; None before it has spoken."""
-        speaker = self._speakers.get(vehicle_id)
-        return speaker.address if speaker else None
+    def addresses_of(self, vehicle_id: int) -> tuple[Address, ...]:
+        """Of this vehicle's companion, or the operator's programs; none before they have spoken."""
+        return tuple(self._heard_s.get(vehicle_id, ()))
 
     def is_alive(self, vehicle_id: int, now_s: float) -> bool:
         """This vehicle's companion spoke not long ago."""
-        speaker = self._speakers.get(vehicle_id)
-        return speaker is not None and now_s - speaker.heard_s <= COMPANION_ALIVE_S
+        return any(now_s - heard_s <= COMPANION_ALIVE_S for heard_s in self._heard_s.get(vehicle_id, {}).values())
 
     def admit_datagram(self, data: bytes, address: Address, now_s: float) -> tuple[int, bytes]:
         """The vehicle that `address` speaks for (0: none), and its frames in `data` to be carried, unmodified."""
@@ -91,27 +85,31 @@ class RadioGate:
         if system not in self._ids:
             return False
         owner = self._vehicle_at.get(address, system)
-        if owner != system and self.is_alive(owner, now_s):
+        if owner != system and now_s - self._heard_s[owner][address] <= COMPANION_ALIVE_S:
             self._report_once(system, f"{place(address)} is vehicle {owner}'s, and now speaks as vehicle {system}")
             return False
-        speaker = self._speakers.get(system)
-        if speaker and speaker.address != address and self.is_alive(system, now_s):
-            other = place(speaker.address)
+        longest = self._longest_silent(system, address)
+        if longest is not None and now_s - self._heard_s[system][longest] <= COMPANION_ALIVE_S:
+            other = place(longest)
             self._report_once(system, f"{place(address)} speaks as vehicle {system}, which {other} already does")
             return False
         return True
 
+    def _longest_silent(self, system: int, address: Address) -> Address | None:
+        """Whose place as `system` a new `address` would take; None: it has one, or one is free."""
+        heard_s = self._heard_s.get(system, {})
+        if address in heard_s or len(heard_s) < (OPERATORS_MAX if system == OPERATOR_ID else 1):
+            return None
+        return min(heard_s, key=heard_s.__getitem__)
+
     def _bind(self, system: int, address: Address, now_s: float) -> None:
-        speaker = self._speakers.get(system)
-        if speaker is not None and speaker.address == address:
-            speaker.heard_s = now_s
-            return
-        if speaker is not None:
-            del self._vehicle_at[speaker.address]
-        former = self._vehicle_at.get(address)
-        if former is not None:
-            del self._speakers[former]
-        self._speakers[system] = _Speaker(address, now_s)
+        longest = self._longest_silent(system, address)
+        if longest is not None:
+            del self._heard_s[system][longest], self._vehicle_at[longest]
+        former = self._vehicle_at.get(address, system)
+        if former != system:
+            del self._heard_s[former][address]
+        self._heard_s.setdefault(system, {})[address] = now_s
         self._vehicle_at[address] = system
 
     def _report_once(self, system: int, what: str) -> None:
@@ -146,6 +144,8 @@ class RadioHub:
     def receive_datagram(self, data: bytes, address: Address, wall_s: float, now_s: float) -> None:
         """A datagram has come. `wall_s`: when, for the gate; `now_s`: the radio's own time."""
         vehicle_id, beacons = self.gate.admit_datagram(data, address, wall_s)
+        if beacons:  # the operator's programs hear each other, as on one computer's radio
+            self._send_radio(vehicle_id, beacons, but=address)
         if beacons and vehicle_id in self._place_radios():
             self.transmitter.send(vehicle_id, beacons, now_s)
 
@@ -159,10 +159,8 @@ class RadioHub:
                 self.radio.send(self._base.id, frame, now_s, aside=True)
         for vehicle_id in self._ids:
             beacons = self.radio.deliver(vehicle_id, now_s)
-            address = self.gate.address_of(vehicle_id)
-            if beacons and address:
-                for datagram in split(beacons):
-                    self._send(datagram, address)
+            if beacons:
+                self._send_radio(vehicle_id, beacons)
 
     def _place_radios(self) -> Mapping[int, Vec3]:
         """Positions of all radios in this step."""
@@ -172,6 +170,12 @@ class RadioHub:
                 self._placed = {**self._placed, self._base.id: self._base.pos_ned_m}
             self.radio.place(self._placed)
         return self._placed
+
+    def _send_radio(self, vehicle_id: int, beacons: bytes, but: Address | None = None) -> None:
+        """To all that speak as this vehicle, `but` one."""
+        for address in self.gate.addresses_of(vehicle_id):
+            for datagram in split(beacons) if address != but else ():
+                self._send(datagram, address)
 
     def _send(self, data: bytes, address: Address) -> None:
         try:

@@ -14,7 +14,7 @@ from companion.mavlink.peers.session import OPERATOR_ID
 from companion.records.frames import RECORD_ID, VECTOR_ID, encode_record, encode_vector
 from companion.records.record import BASE_ID, Record, RecordKind, Vector
 from mission.document.model import Mission
-from sim_bridge.drive.links.hub import COMPANION_ALIVE_S, RadioGate
+from sim_bridge.drive.links.hub import COMPANION_ALIVE_S, OPERATORS_MAX, RadioGate
 from sim_bridge.drive.serve.server import Ports, Server
 from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.autopilot import PROFILES
@@ -74,6 +74,20 @@ class TestRadio:
         turn(made)
         assert [peer.datagrams() for peer in vehicles] == [[], [order], [order]]
         made.close()
+
+    def test_a_terminal_beside_the_page_is_heard_and_hears(self, served: Server, join: Callable[[str], Peer]) -> None:
+        vehicle, page, terminal = (join("radio") for _ in range(3))
+        vehicle.send(heartbeat(1))
+        page.send(orders_kit.frame(orders_kit.order(OrderKind.HOLD, 5), OPERATOR_ID))
+        turn(served)
+        vehicle.datagrams()
+        order = orders_kit.frame(orders_kit.order(OrderKind.ABORT, 6), OPERATOR_ID)
+        terminal.send(order)
+        turn(served)
+        assert (vehicle.datagrams(), page.datagrams(), terminal.datagrams()) == ([order], [order], [])
+        vehicle.send(beacon(1, 7))
+        turn(served)
+        assert page.datagrams() == terminal.datagrams() == [beacon(1, 7)]
 
     def test_beacons_from_before_a_companion_spoke_are_lost(self, served: Server, join: Callable[[str], Peer]) -> None:
         one, two = join("radio"), join("radio")
@@ -136,10 +150,10 @@ class TestRadioGate:
 
     def test_an_address_speaks_for_whom_it_first_spoke(self, gate: RadioGate) -> None:
         assert gate.admit_datagram(heartbeat(1), HERE, 0.0) == (1, b"")
-        assert gate.address_of(1) == HERE
+        assert gate.addresses_of(1) == (HERE,)
         assert gate.admit_datagram(beacon(1), HERE, 0.1) == (1, beacon(1))
         assert gate.admit_datagram(beacon(2), HERE, 0.1) == (0, b"")
-        assert (gate.refused, gate.address_of(2)) == (1, None)
+        assert (gate.refused, gate.addresses_of(2)) == (1, ())
 
     def test_own_frames_pass_beside_foreign_ones(self, gate: RadioGate) -> None:
         assert gate.admit_datagram(beacon(1, 5) + beacon(2) + beacon(1, 6), HERE, 0.0) == (
@@ -151,20 +165,29 @@ class TestRadioGate:
     def test_nobody_takes_over_a_vehicle_while_its_companion_lives(self, gate: RadioGate) -> None:
         gate.admit_datagram(beacon(1), HERE, 0.0)
         assert gate.admit_datagram(beacon(1), THERE, COMPANION_ALIVE_S) == (0, b"")
-        assert (gate.refused, gate.address_of(1)) == (1, HERE)
+        assert (gate.refused, gate.addresses_of(1)) == (1, (HERE,))
 
     def test_a_companion_started_again_takes_over_from_the_dead_one(self, gate: RadioGate) -> None:
         gate.admit_datagram(beacon(1), HERE, 0.0)
         later_s = COMPANION_ALIVE_S + 0.1
         assert gate.admit_datagram(beacon(1), THERE, later_s) == (1, beacon(1))
-        assert gate.address_of(1) == THERE
+        assert gate.addresses_of(1) == (THERE,)
         assert gate.admit_datagram(beacon(1), HERE, later_s) == (0, b"")
 
     def test_a_port_used_again_may_speak_for_another(self, gate: RadioGate) -> None:
         gate.admit_datagram(beacon(1), HERE, 0.0)
         later_s = COMPANION_ALIVE_S + 0.1
         assert gate.admit_datagram(beacon(2), HERE, later_s) == (2, beacon(2))
-        assert (gate.address_of(1), gate.address_of(2)) == (None, HERE)
+        assert (gate.addresses_of(1), gate.addresses_of(2)) == ((), (HERE,))
+
+    def test_so_many_of_the_operators_programs_speak_at_a_time(self) -> None:
+        gate = RadioGate((1, OPERATOR_ID), ignore)
+        programs = [("127.0.0.1", 41000 + each) for each in range(OPERATORS_MAX + 1)]
+        words = [gate.admit_datagram(heartbeat(OPERATOR_ID), at, each * 0.01)[0] for each, at in enumerate(programs)]
+        assert words == [OPERATOR_ID] * OPERATORS_MAX + [0]
+        later_s = COMPANION_ALIVE_S + 0.001
+        assert gate.admit_datagram(heartbeat(OPERATOR_ID), programs[-1], later_s)[0] == OPERATOR_ID
+        assert gate.addresses_of(OPERATOR_ID) == tuple(programs[1:])
 
     @pytest.mark.parametrize(
         "data",
@@ -180,7 +203,7 @@ class TestRadioGate:
     )
     def test_only_valid_words_of_a_companion_bind(self, gate: RadioGate, data: bytes) -> None:
         assert gate.admit_datagram(data, HERE, 0.0) == (0, b"")
-        assert gate.address_of(1) is None
+        assert gate.addresses_of(1) == ()
 
     def test_an_impostor_is_reported_once(self) -> None:
         said: list[str] = []
