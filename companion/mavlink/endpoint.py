@@ -21,6 +21,7 @@ from companion.core.model.states import BeaconFate, Role, Severity
 from companion.core.stages import FLIGHT_STAGES, StageFactory
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
+from companion.mavlink.autopilot_link.ground_hold import GroundHold
 from companion.mavlink.beacon import Decoded
 from companion.mavlink.codec import Codec
 from companion.mavlink.framing import texts, wire
@@ -120,6 +121,7 @@ class Endpoint:
         reception, fix_hz = reception_counts(mission, vehicle_id), receiver_hz(mission, vehicle_id)
         needed_hz = fix_hz, self.sensors.autopilot_hz
         self._requests = StreamRequests(self.codec, needed_hz, self.report_surroundings, reception=reception)
+        self._ground_hold = GroundHold(self.codec, self.report_surroundings)
         wanted = FROM_AUTOPILOT | self.sensors.forwarded | frozenset(self.sensors.autopilot_hz)
         wanted |= RECEPTION if reception else frozenset(fix_hz)
         self.autopilot = Framing(wanted, is_stream=autopilot_is_stream)
@@ -282,6 +284,7 @@ class Endpoint:
             if self.sensors.sources:
                 out.sensor = self._to_sensor.pack(heartbeat())
         to_autopilot += map(pack, self._requests.missing(now_s))
+        to_autopilot += map(pack, self._ground_hold.asks(self.agent.flight, now_s))
         self._ask_for_time(now_s, to_autopilot)
         self._take_scans(now_s)
         for order in self.orders.tick(self.agent, now_s):
@@ -376,16 +379,13 @@ class Endpoint:
 
     def _reply(self, now_s: float, to_autopilot: list[bytes]) -> None:
         for reply in self._replies:
-            is_time = isinstance(reply, int)
-            to_autopilot.append(
-                self._timesync(_nanoseconds(now_s), reply) if is_time else self._to_autopilot.pack(reply)
-            )
+            time = isinstance(reply, int)
+            to_autopilot.append(self._timesync(_nanoseconds(now_s), reply) if time else self._to_autopilot.pack(reply))
         self._replies.clear()
 
 
 def _other_version(sender: int, version: int) -> Say:
-    text = f"vehicle {sender} beacon version {version}, not {swarm_beacon.VERSION}: ignored"
-    return Say(Severity.WARNING, text)
+    return Say(Severity.WARNING, f"vehicle {sender} beacon version {version}, not {swarm_beacon.VERSION}: ignored")
 
 
 def _nanoseconds(now_s: float) -> int:

@@ -179,6 +179,14 @@ class Vehicle:
             return f"battery at {self.battery_percent} %"
         return "" if self.armed or self.ready_to_arm else "autopilot not ready to arm"
 
+    def was_left_in_offboard(self, now_s: float) -> bool:
+        """Disarmed on the ground in the mode in which it was steered, and by its own word not ready to arm."""
+        mode = self.mode
+        if mode is None or mode.mode is not FlightMode.OFFBOARD or mode.armed or self.heartbeat_lost(now_s):
+            return False
+        on_ground = self.landed is LandedState.ON_GROUND and not self._is_landed_old
+        return on_ground and not self._ready_to_arm and self._heard_s - self._health_s <= HEALTH_OLD_S
+
     @property
     def _battery_is_critical(self) -> bool:
         return self.battery_percent is not None and self.battery_percent <= CRITICAL_BATTERY_PERCENT

@@ -1,1 +1,1 @@
-"""The link between a companion and its autopilot, where both ends have a key."""
+"""The link between a companion and its autopilot: keys at both ends, and what it is asked for beside the flight."""

@@ -115,6 +115,7 @@ class Make:
     height_aids: tuple[Aid, ...] = ()  # of which one that changes between layers of height needs one
     odometry_aids: tuple[Aid, ...] = ()  # of which one that its companion tells its velocity needs one, to use it
     takes_odometry: bool = True  # a velocity in NED by ODOMETRY; False: by VISION_SPEED_ESTIMATE
+    ground_hold: Command | None = None  # out of its offboard mode, where that alone keeps it from arming; None: it arms
 
     def rules(self, mission: Mission, vehicle_id: int | None = None) -> tuple[Rule, ...]:
         """Every parameter that must be right for this vehicle of `mission`; None: for one with GNSS."""

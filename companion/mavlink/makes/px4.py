@@ -189,4 +189,5 @@ PX4 = Make(
     aids=AIDS,
     height_aids=HEIGHT_AIDS,
     odometry_aids=ODOMETRY_AIDS,
+    ground_hold=(dialect.MAV_CMD_DO_SET_MODE, (1, MAIN_AUTO, HOLD >> 24)),
 )

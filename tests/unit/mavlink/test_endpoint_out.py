@@ -10,6 +10,7 @@ import pytest
 from companion.core.model.actions import Ask, Say, SendBeacon, SendOdometry, VelocitySetpoint
 from companion.core.model.beacon import TrunkReport
 from companion.core.model.states import Request, Severity
+from companion.core.vehicle.flight import Flight
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint, Outbox
@@ -38,6 +39,7 @@ class Puppet:
 
     def __init__(self, *actions: Any) -> None:
         self.actions = list(actions)
+        self.flight = Flight(8.0)
 
     def tick(self, _now_s: float) -> list[Any]:
         return self.actions
