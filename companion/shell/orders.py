@@ -1,5 +1,7 @@
 """The book of orders of a real vehicle, and its file, in which they outlive the process, and a power cut.
 
+Each operator has a file of its own, the same for all missions: counts only grow. Earlier releases kept one for all.
+
 The file is written whole, or as it was before; in the air by a thread: a card that takes half a second to sync must not
 keep a setpoint waiting, and an order to land not for the card.
 """
@@ -14,8 +16,9 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Final
 
+from companion.keys.fingerprints import public_fingerprint
 from companion.keys.keyring import Keyring
-from companion.mavlink.orders.book import OrderBook
+from companion.mavlink.orders.book import OrderBook, with_higher_mark
 from companion.shell.service import STATE
 from mission.common.durable_files import write_durably
 
@@ -28,13 +31,26 @@ def orders_of(
 ) -> OrderBook:
     """A vehicle's. `digest`: the mission file's; `boot`: as its frames are signed with. OSError: no such folder.
 
-    `beside_loop`: in the air the file is written by a thread.
+    `path`: as `orders_path` gives it, for all operators. `beside_loop`: in the air the file is written by a thread.
     """
-    marks = FileMarks(path, beside_loop=beside_loop)
+    marks = FileMarks(operators_path(path, keyring.operator), beside_loop=beside_loop)
     opened.callback(marks.close)
+    kept = with_higher_mark(marks.kept, read_kept(path))  # in doubt whose, its mark stands: nothing old counts as new
     return OrderBook(
-        operator=keyring.operator, digest=digest, me=keyring.owner, size=size, boot=boot, marks=marks, kept=marks.kept
+        operator=keyring.operator, digest=digest, me=keyring.owner, size=size, boot=boot, marks=marks, kept=kept
     )
+
+
+def operators_path(path: Path, operator: bytes) -> Path:
+    """The file of one operator's orders: two swarms on one computer count apart. `operator`: the public key."""
+    return path.with_name(f"{path.name}-{public_fingerprint(operator).replace(':', '')}")
+
+
+def read_kept(path: Path) -> bytes:
+    """The file that was there, or nothing. OSError: it cannot be read."""
+    with contextlib.suppress(FileNotFoundError), path.open("rb") as file:
+        return file.read(KEPT_MAX)
+    return b""
 
 
 class OldOrdersError(Exception):
@@ -42,9 +58,10 @@ class OldOrdersError(Exception):
 
 
 def orders_path(log: str | None, vehicle_id: int) -> Path:
-    """Beside the flight log, or where the service or this user keeps state.
+    """Beside the flight log, or where the service or this user keeps state: the file of earlier releases.
 
-    The same for all missions: counts only grow. OldOrdersError; OSError: this user's folder cannot be made.
+    Of all operators; each has one beside it, by `operators_path`. It is read, and never written.
+    OldOrdersError; OSError: this user's folder cannot be made.
     """
     name = f"orders-{vehicle_id}"
     if log is not None:
@@ -82,9 +99,7 @@ class FileMarks:
         self._folder: Final = path.parent
         if not self._folder.is_dir():
             raise FileNotFoundError(2, "no such folder", str(self._folder))
-        self.kept = b""
-        with contextlib.suppress(FileNotFoundError), path.open("rb") as file:
-            self.kept = file.read(KEPT_MAX)
+        self.kept: Final = read_kept(path)
         self._beside_loop: Final = beside_loop
         self._changed: Final = threading.Condition()
         self._disk: Final = threading.Lock()  # one write at a time

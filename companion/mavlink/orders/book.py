@@ -251,8 +251,8 @@ class OrderBook:
 
     def _load(self, kept: bytes) -> None:
         """A file that cannot be read is as none: then the boot nonce alone tells an old START from a new one."""
-        state, checksum = kept[:-_SUM_BYTES], kept[-_SUM_BYTES:]
-        if len(state) < _HEAD.size or hashlib.sha256(state).digest()[:_SUM_BYTES] != checksum:
+        state = _state_in(kept)
+        if state is None:
             self._says.append(Say(Severity.WARNING, "orders seen before: file cannot be read"))
             return
         version, mark, flight = _HEAD.unpack_from(state)
@@ -274,3 +274,23 @@ class OrderBook:
             return []
         self._repeats = Repeats(now_s)
         return [self._act(order, hands_back=False)]
+
+
+def with_higher_mark(kept: bytes, earlier: bytes) -> bytes:
+    """Of two states that one vehicle saved, that of which less can count as new; `kept` where neither can be read."""
+    return max((kept, earlier), key=_mark_of)
+
+
+def _mark_of(kept: bytes) -> int:
+    state = _state_in(kept)
+    if state is None:
+        return -1 if kept else -2
+    version, mark, _ = _HEAD.unpack_from(state)
+    return int(mark) if version == STATE_VERSION else -1
+
+
+def _state_in(kept: bytes) -> bytes | None:
+    """Without its checksum; None: there is none, or it does not hold."""
+    state, checksum = kept[:-_SUM_BYTES], kept[-_SUM_BYTES:]
+    holds = len(state) >= _HEAD.size and hashlib.sha256(state).digest()[:_SUM_BYTES] == checksum
+    return state if holds else None

@@ -4,13 +4,21 @@ from __future__ import annotations
 
 import os
 import threading
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
+from companion.core.model.states import Order
+from companion.keys.fleet_folder import make_fleet
+from companion.keys.key_file import load_keyring
+from companion.keys.keyring import OPERATOR
+from companion.mavlink.orders.book import OrderBook
+from companion.mavlink.orders.order import OrderKind
 from companion.shell import orders
-from companion.shell.orders import FileMarks, OldOrdersError, orders_path, write_durably
+from companion.shell.orders import FileMarks, OldOrdersError, operators_path, orders_of, orders_path, write_durably
 from companion.shell.service import STATE
+from tests.unit.mavlink import orders_kit as kit
 
 
 def test_file_is_beside_the_log_or_where_state_is_kept_and_never_where_one_happens_to_be(
@@ -52,6 +60,66 @@ def test_file_that_an_earlier_release_left_here_is_not_passed_over(
     assert orders_path(None, 3) == folder / "orders-3"
     monkeypatch.chdir(folder)
     assert orders_path(None, 3) == folder / "orders-3"
+
+
+class Swarm:
+    """Vehicle 1 of a fleet of its own, in the air; each `book` is of another start of its companion."""
+
+    def __init__(self, folder: Path, path: Path) -> None:
+        make_fleet(folder, 2)
+        self.seed = load_keyring(folder / "operator.key", OPERATOR).seed
+        self.keyring = load_keyring(folder / "vehicle-1.key", 1)
+        self.path = path
+
+    def book(self, boot: int) -> OrderBook:
+        with ExitStack() as opened:
+            return orders_of(self.keyring, kit.DIGEST, 2, boot, self.path, opened, beside_loop=False)
+
+    def order(self, kind: OrderKind, counter: int) -> bytes:
+        return kit.order(kind, counter, boots={1: 7}, size=2, seed=self.seed)
+
+    def fly(self, hold: int) -> None:
+        """Until it has obeyed a HOLD of this count, and the START before it."""
+        book = self.book(boot=7)
+        assert hear(book, self.order(OrderKind.START, hold - 1), airborne=False) == [Order.START]
+        assert hear(book, self.order(OrderKind.HOLD, hold)) == [Order.HOLD]
+
+
+def hear(book: OrderBook, *payloads: bytes, airborne: bool = True) -> list[Order]:
+    for payload in payloads:
+        assert book.receive(kit.frame(payload), 10.0)
+    return [event.order for event in book.tick(10.0, airborne=airborne)]
+
+
+def test_another_swarms_orders_on_this_computer_make_none_of_ours_old(tmp_path: Path) -> None:
+    """Both keep state in one folder: who was started again refused the HOLD in force of its own swarm."""
+    one, other = (Swarm(tmp_path / name, tmp_path / "orders-1") for name in ("one", "other"))
+    one.fly(hold=6)
+    other.fly(hold=101)
+    book = one.book(boot=8)
+    assert hear(book, one.order(OrderKind.HOLD, 6)) == [Order.HOLD]
+    assert not book.refused
+    assert hear(one.book(boot=9), one.order(OrderKind.START, 5), airborne=False) == []
+
+
+def test_mark_that_an_earlier_release_kept_for_all_still_counts(tmp_path: Path) -> None:
+    """Whosoever it is: forgotten, an old order would count as new."""
+    one, other = (Swarm(tmp_path / name, tmp_path / "orders-1") for name in ("one", "other"))
+    one.fly(hold=6)
+    operators_path(one.path, one.keyring.operator).rename(one.path)
+    assert hear(one.book(boot=8)) == [Order.HOLD]  # the carried order, too
+    one.fly(hold=11)
+    operators_path(one.path, one.keyring.operator).replace(one.path)
+    one.fly(hold=21)  # now the own file is the newer one,
+    assert hear(one.book(boot=8), one.order(OrderKind.HOLD, 20)) == [Order.HOLD]
+    other.fly(hold=101)
+    operators_path(other.path, other.keyring.operator).replace(other.path)
+    book = one.book(boot=8)  # and now the earlier release's
+    assert hear(book, one.order(OrderKind.HOLD, 100)) == []
+    assert book.refused == {"replayed": 1}
+    assert hear(book, one.order(OrderKind.HOLD, 102)) == [Order.HOLD]
+    operators_path(one.path, one.keyring.operator).write_bytes(b"damaged")
+    assert hear(one.book(boot=8), one.order(OrderKind.HOLD, 100)) == []
 
 
 def test_what_was_saved_is_there_after_a_restart_and_the_owners_alone(tmp_path: Path) -> None:
