@@ -83,6 +83,7 @@ class Codec:
         "_pos_ned_m",
         "_texts",
         "dropped",
+        "has_answered",
         "make",
         "origin_doubted",
         "origin_known",
@@ -115,6 +116,7 @@ class Codec:
         self.origin_doubted = False  # home has contradicted it since
         self.reboots = 0  # of the autopilot, that were noticed
         self.dropped = 0  # well-formed messages whose content was refused
+        self.has_answered = False  # the autopilot, when it was asked for its time: several times a second
         self.other_versions = 0  # beacons of another version than this companion's
 
     # --- from the autopilot ---
@@ -255,6 +257,7 @@ class Codec:
         if not 0 < m.tc1 < TIME_LIMIT_NS:
             self.dropped += 1
             return None
+        self.has_answered = True
         return BootTime(m.tc1 / 1e9, now_s - m.ts1 / 1e9)
 
     def text(self, m: Any) -> AutopilotText | None:

@@ -61,7 +61,7 @@ ABOUT = {
     "fleet has no key of a vehicle of the mission.",
     "signing": "With `--sign-autopilot` ([how](../how-to/sign-the-autopilot-link.md)): frames of the autopilot come "
     "signed by this vehicle's key; requests that are unsigned, or signed by another key, get no answer; one by the key "
-    "does.",
+    "does. Without: only where the autopilot signs, and has told none of its parameters; then it fails.",
     "disk": "500 MB free where the report goes, or here.",
     "monotonic": "The clock that the flight goes by has steps of a millisecond or less.",
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -11,7 +12,9 @@ from pathlib import Path
 
 from companion.keys.autopilot_link import link_key
 from companion.keys.key_file import KeyFileError, load_keyring
+from companion.keys.keyring import SECRET_BYTES
 from companion.keys.process import harden_process
+from companion.mavlink.autopilot_link.signing import LinkSigning
 from companion.preflight.checks import judge
 from companion.preflight.computer import check_disk, check_key, check_monotonic, now
 from companion.preflight.listen import SensorWindow
@@ -49,6 +52,8 @@ def preflight(arguments: argparse.Namespace, mission: Mission) -> int:
             if arguments.sign_autopilot:
                 signing, speak = _signed(arguments, opened)
             survey = take_survey(arguments.mission, arguments.id, speak, apply=arguments.apply)
+            if survey.is_unanswered and not arguments.sign_autopilot:
+                signing = _unsigned(arguments, opened)
         except KeyFileError as error:
             return _refused(f"--key {error}", EXIT_BAD_FILE)
         except SurveyError as error:
@@ -62,7 +67,7 @@ def preflight(arguments: argparse.Namespace, mission: Mission) -> int:
         sensors = tuple(sensor_checks(urls, mission, arguments.id, survey))
     except LinkError as error:
         return _refused(f"--sensor {error}")
-    report = _report(arguments, mission, sha256, survey, (*signing, *sensors))
+    report = _report(arguments, mission, sha256, survey, signing, sensors)
     if arguments.report is not None:
         try:
             write_report(report, Path(arguments.report))
@@ -100,6 +105,19 @@ def _signed(arguments: argparse.Namespace, opened: ExitStack) -> tuple[tuple[Che
     return (check,), relay.url
 
 
+def _unsigned(arguments: argparse.Namespace, opened: ExitStack) -> tuple[Check, ...]:
+    """The row `signing` of an autopilot that signs, and has told nothing to who has no key for it."""
+    try:
+        link = open_link(arguments.autopilot)
+    except LinkError:  # it was there a moment ago: the other rows say that nothing was answered
+        return ()
+    opened.callback(link.close)
+    nobodys = LinkSigning(os.urandom(SECRET_BYTES))
+    is_stream = arguments.autopilot.scheme is Scheme.SERIAL
+    check = SigningProbe(link, nobodys, arguments.id, is_stream=is_stream).find_signatures()
+    return () if check is None else (check,)
+
+
 def sensor_checks(urls: Mapping[str, Url], mission: Mission, vehicle_id: int, survey: Survey) -> Iterator[Check]:
     """A row for each sensor that the mission flies by: what comes by the sensors' links, or by way of the autopilot.
 
@@ -130,12 +148,18 @@ def _open(url: Url, opened: ExitStack) -> Link:
 
 
 def _report(
-    arguments: argparse.Namespace, mission: Mission, sha256: str, survey: Survey, sensors: Sequence[Check]
+    arguments: argparse.Namespace,
+    mission: Mission,
+    sha256: str,
+    survey: Survey,
+    signing: Sequence[Check],
+    sensors: Sequence[Check],
 ) -> Report:
     then = now()
     folder = Path(arguments.report).absolute().parent if arguments.report else Path.cwd()
     checks = (
         Check(name="mission", verdict=Verdict.PASS, found=f"sha256 {sha256[:16]}", wanted="valid, with an origin"),
+        *signing,  # before the rows that fail by it
         *judge(survey, mission, arguments.id, apply=arguments.apply),
         *sensors,
         check_key(arguments.key, arguments.id, mission.swarm.size),

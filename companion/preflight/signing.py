@@ -22,6 +22,7 @@ from companion.mavlink.autopilot_link.signing import LinkSigning
 from companion.mavlink.endpoint import COMPONENT, heartbeat
 from companion.mavlink.framing import wire
 from companion.mavlink.framing.frames import MAGIC_V2, find_frame, source, whole
+from companion.mavlink.peers.frame_mac import is_signed
 from companion.preflight.report import Check, Verdict
 from companion.shell.links import Link
 from companion.shell.urls import Scheme, Url
@@ -36,6 +37,7 @@ AUTOPILOT: Final = 1  # MAV_COMP_ID_AUTOPILOT1
 ASKED: Final = dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION
 WANTED: Final = "it signs by this vehicle's key, and answers nobody without"
 GIVE_FIX: Final = "give it the key: `companion preflight --sign-autopilot --apply`, by a wire that nobody else hears"
+NO_KEY_FIX: Final = "with --sign-autopilot, here and of `companion run`: without, nothing of it is read, set or flown"
 TAKES_ALL_FIX: Final = (
     "who reaches that port commands it. PX4: is its key there (SD card)? ArduPilot: its first port (USB) takes all: "
     "fly by another one"
@@ -71,6 +73,7 @@ class Heard:
 
     signed: int = 0
     others: int = 0
+    sealed: int = 0  # of those, by another key
     armed: bool = False
     answers: int = 0
 
@@ -115,6 +118,13 @@ class SigningProbe:
             return _row(Verdict.FAIL, f"{counts}, of the autopilot: two keys, or two autopilots", GIVE_FIX)
         return _row(Verdict.PASS, f"{counts}; unsigned and wrongly signed requests are refused, signed ones answered")
 
+    def find_signatures(self) -> Check | None:
+        """The row of an autopilot that has answered nothing to one without a key; None: it does not sign."""
+        heard = self._listen(LISTEN_S, lambda heard: heard.sealed > 0)
+        if not heard.sealed:
+            return None
+        return _row(Verdict.FAIL, "its frames are signed, and it has answered nothing that was not", NO_KEY_FIX)
+
     def _is_answered(self, seal: Callable[[bytes, float], bytes]) -> bool:
         """A request for AUTOPILOT_VERSION, which changes nothing."""
         request = dialect.MAVLink_command_long_message(
@@ -156,6 +166,7 @@ class SigningProbe:
         except dialect.MAVError:  # of no message that is known, or none at all
             return
         heard.others += is_foreign
+        heard.sealed += is_foreign and is_signed(frame)
         message_id = message.get_msgId()  # some messages have a field named id
         if message_id == dialect.MAVLINK_MSG_ID_HEARTBEAT:
             heard.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)

@@ -62,6 +62,11 @@ class Survey(BaseModel):
         return bool(self.messages.get("HEARTBEAT", {}).get("base_mode", 0) & 0x80)  # MAV_MODE_FLAG_SAFETY_ARMED
 
     @property
+    def is_unanswered(self) -> bool:
+        """It is heard, and has told none of its parameters."""
+        return bool(self.parameters) and all(parameter.value is None for parameter in self.parameters.values())
+
+    @property
     def version(self) -> str:
         """Of the firmware, as 1.16.0; empty when not told."""
         packed = self.messages.get("AUTOPILOT_VERSION", {}).get("flight_sw_version", 0)

@@ -13,6 +13,7 @@ from types import MappingProxyType
 from companion.core.model.actions import Say, brief
 from companion.core.model.states import Severity
 from companion.mavlink.endpoint import Endpoint
+from companion.mavlink.framing.signing import Gate
 from companion.mavlink.sensor_source import SensorSource
 from companion.shell.floods import FloodLog
 from companion.shell.links import Link
@@ -21,6 +22,8 @@ from mission.common.problems import printable
 COUNTERS_S = 10.0  # counters that grow are shown this often at most
 RECORDS_S = 60.0  # and how far the records are, which grow all the time
 MAX_TEXT_CHARS = 300
+UNANSWERED_S = 3.0  # it is asked for its time several times a second
+UNSIGNED = "the autopilot signs, and answers nothing that is not signed: fly with --sign-autopilot"
 FEW = 0.9  # of a neighbour's beacons: fewer in a flood, and the operator is told
 NO_LINKS: Mapping[str, Link] = MappingProxyType({})
 
@@ -88,6 +91,8 @@ class ChangeLogger:
         self._ended: set[str] = set()  # of what steers nothing
         self._leader: int | None = None
         self._foreign: frozenset[int] = frozenset()
+        self._signs_since_s: float | None = None  # the autopilot, and this companion has no key for it
+        self._signs_told = False
         self._foreign_drivers: dict[str, frozenset[int]] = {}  # by the sensor's name
         self._losses = {source.NAME: 0 for source in endpoint.sensors.sources}  # times that a driver was lost
         self._fresh: dict[str, dict[int, bool]] = {}  # by the sensor's name: drivers heard -> whether fresh
@@ -110,6 +115,7 @@ class ChangeLogger:
             self._log.line(now_s, f"own motion: {by}")
         self._log_leader(now_s)
         self._log_foreign_autopilots(now_s)
+        self._log_signatures(now_s)
         for source in self._endpoint.sensors.sources:
             self._log_sensor(source, now_s)
         self.log_links(now_s)
@@ -198,6 +204,17 @@ class ChangeLogger:
                 f"the autopilot of vehicle {system} is on this link of vehicle {self._endpoint.id}: wrong --id?",
             )
         self._foreign = foreign
+
+    def _log_signatures(self, now_s: float) -> None:
+        """Once: the autopilot signs, this companion does not, and is not answered."""
+        gate = self._endpoint.autopilot_gate
+        if self._signs_told or type(gate) is not Gate or not gate.signed or self._endpoint.codec.has_answered:
+            return
+        if self._signs_since_s is None:
+            self._signs_since_s = now_s
+        if now_s - self._signs_since_s >= UNANSWERED_S:
+            self._signs_told = True
+            self._log.line(now_s, UNSIGNED)
 
     def _log_sensor(self, source: SensorSource, now_s: float) -> None:
         """Drivers that are heard, lost, heard again, or not heard for their system id."""

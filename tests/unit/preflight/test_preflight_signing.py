@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import argparse
+import json
 import socket
 from collections import deque
 from collections.abc import Callable
 from hashlib import sha256
+from pathlib import Path
 
 import pytest
 
@@ -13,9 +16,12 @@ from companion.mavlink import dialect as mav
 from companion.mavlink.autopilot_link.signing import LinkSigning, timestamp_at
 from companion.mavlink.framing import wire
 from companion.mavlink.framing.frames import SIGNED, whole
-from companion.preflight import signing
+from companion.preflight import command, signing
 from companion.preflight.report import Verdict
 from companion.preflight.signing import FrameStream, SigningProbe, SigningRelay
+from companion.preflight.survey import Parameter, Survey
+from companion.shell.urls import Scheme, Url
+from mission.document.load import load_mission
 from sim_bridge.world.autopilot import Link as Side
 from tests.unit.world.autopilot.ardupilot.ardupilot_kit import Flight as Copter
 from tests.unit.world.autopilot.autopilot_kit import STEP_S
@@ -23,6 +29,19 @@ from tests.unit.world.autopilot.px4.px4_kit import Flight as Px4
 
 ME = 1
 HAPPEN_LIMIT_S = 60.0  # on a busy machine
+MISSION = """
+schema = 1
+[origin]
+lat_deg = 47.0
+lon_deg = 8.0
+alt_m = 400.0
+[route]
+d1_enu_m = [0.0, 0.0, 8.0]
+d2_enu_m = [60.0, 0.0, 8.0]
+vel_leader_mps = 2.0
+[swarm]
+size = 3
+"""
 KEY = sha256(b"of this vehicle").digest()
 OTHER = sha256(b"of another").digest()
 NOW = timestamp_at(1_800_000_000.0)
@@ -164,6 +183,17 @@ def test_second_autopilot_on_the_link_is_found(flight: Px4 | Copter) -> None:
     assert "two keys, or two autopilots" in row.found
 
 
+def test_autopilot_that_signs_is_told_to_who_looks_without_a_key(flight: Px4 | Copter) -> None:
+    row = probe(Wired(with_key(flight)), OTHER).find_signatures()
+    assert row is not None
+    assert (row.name, row.verdict, row.fix) == ("signing", Verdict.FAIL, signing.NO_KEY_FIX)
+    assert "answered nothing that was not" in row.found
+
+
+def test_autopilot_that_does_not_sign_has_no_such_row(flight: Px4 | Copter) -> None:
+    assert probe(Wired(flight), OTHER).find_signatures() is None
+
+
 def test_key_is_given_and_then_passes(flight: Px4 | Copter) -> None:
     link = Wired(flight)
     one = probe(link)
@@ -237,3 +267,33 @@ def test_relay_signs_for_a_program_and_hands_it_what_is_signed() -> None:
         assert program.recv(65536) == genuine
     program.close()
     far.close()
+
+
+def looked(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, flight: Px4 | Copter, *, tells: bool, signs: bool = False
+) -> list[tuple[str, Verdict]]:
+    """Rows of a preflight, up to those of the autopilot, whose surveyor was told its parameters, or none."""
+    value = 0.5 if tells else None
+    survey = Survey(heard=(ME,), parameters={name: Parameter(name=name, value=value) for name in ("ONE", "TWO")})
+    monkeypatch.setattr(command, "take_survey", lambda *_args, **_options: survey)
+    monkeypatch.setattr(command, "open_link", lambda _url: Wired(flight))
+    monkeypatch.setattr(command, "_signed", lambda arguments, _opened: ((), arguments.autopilot))
+    mission, report = tmp_path / "mission.toml", tmp_path / "report.json"
+    mission.write_text(MISSION)
+    asked = {"mission": str(mission), "id": ME, "autopilot": Url(Scheme.UDP_OUT, "127.0.0.1", 9), "sensors": {}}
+    asked |= {"apply": False, "report": str(report), "json": True, "key": None, "sign_autopilot": signs}
+    assert command.preflight(argparse.Namespace(**asked), load_mission(str(mission))) == command.EXIT_FAIL
+    rows = json.loads(report.read_text())["checks"]
+    return [(row["name"], Verdict(row["verdict"])) for row in rows][:2]
+
+
+def test_preflight_without_a_key_says_why_nothing_is_answered(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, flight: Px4 | Copter
+) -> None:
+    says = [("mission", Verdict.PASS), ("signing", Verdict.FAIL)]
+    silent = [("mission", Verdict.PASS), ("id", Verdict.PASS)]
+    assert looked(monkeypatch, tmp_path, flight, tells=False) == silent  # it does not sign
+    with_key(flight)
+    assert looked(monkeypatch, tmp_path, flight, tells=False) == says
+    assert looked(monkeypatch, tmp_path, flight, tells=True) == silent  # it signs, and takes all
+    assert looked(monkeypatch, tmp_path, flight, tells=False, signs=True) == silent  # the row is another's

@@ -16,16 +16,18 @@ from companion.core.model.beacon import Lease
 from companion.core.model.events import Position
 from companion.core.model.states import FlightState, Severity
 from companion.mavlink import dialect
+from companion.mavlink.autopilot_link.signing import LinkSigning
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.framing.signing import Gate
 from companion.mavlink.packing import pack_ranges
 from companion.mavlink.sensor_inputs import SensorInputs
 from companion.sensors.table import sensors_of
-from companion.shell.flight_log import COUNTERS_S, ChangeLogger, FlightLog
+from companion.shell.flight_log import COUNTERS_S, UNANSWERED_S, UNSIGNED, ChangeLogger, FlightLog
 from mission.document.model import Mission
 from tests.unit.core.core_kit import mission
 from tests.unit.core.core_surroundings import surroundings
 from tests.unit.core.ranging_kit import ranging_mission
+from tests.unit.mavlink.endpoint_kit import heartbeat, packed
 
 ATTITUDE: bytes = dialect.MAVLink_attitude_message(1000, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0).pack(
     dialect.MAVLink(None, srcSystem=3, srcComponent=1)
@@ -117,7 +119,7 @@ def watched(
         autopilot_gate=Gate(takes_signed=True),
         peers=SimpleNamespace(without_beacon=0, guard=SimpleNamespace(refused={})),
         orders=SimpleNamespace(counters=dict),
-        codec=SimpleNamespace(dropped=0, other_versions=0),
+        codec=SimpleNamespace(dropped=0, other_versions=0, has_answered=False),
         foreign_autopilots=frozenset(),
         sensors=SensorInputs((), 3, {}),
         records=None,
@@ -344,3 +346,30 @@ def test_what_is_told_goes_to_the_operator_with_the_next_tick() -> None:
     assert (4, "peers' link flooded: 4120 lost unread") in statustexts(out.autopilot)
     assert Say(Severity.WARNING, "peers' link flooded: 4120 lost unread") in out.said
     assert statustexts(endpoint.tick(10.1).autopilot) == []
+
+
+@pytest.mark.parametrize(
+    ("signs", "answers", "has_key", "told"),
+    [
+        (True, False, False, [UNSIGNED]),
+        (True, True, False, []),  # as PX4 whose key is missing: it takes all
+        (False, False, False, []),
+        (True, False, True, []),  # what is amiss with a key the counters of its gate say
+    ],
+)
+def test_autopilot_that_takes_only_what_is_signed_is_told_once(
+    log_file: tuple[FlightLog, Callable[[], list[str]]], signs: bool, answers: bool, has_key: bool, told: list[str]
+) -> None:
+    log, lines = log_file
+    theirs = LinkSigning(bytes(32))
+    endpoint = Endpoint(mission(), 3, autopilot_gate=LinkSigning(bytes(32)) if has_key else None)
+    link: Any = SimpleNamespace(up=True, errors=0, lost=0)
+    watch = ChangeLogger(log, endpoint, link, link)
+    for k in range(round(3.0 * UNANSWERED_S * 20)):
+        now_s = 100.0 + k / 20
+        frames = [packed(heartbeat())]
+        if answers:
+            frames.append(packed(dialect.MAVLink_timesync_message(k + 1, round(now_s * 1e9))))
+        endpoint.from_autopilot(b"".join([theirs.seal(frame, now_s) if signs else frame for frame in frames]), now_s)
+        watch.log_changes(now_s, endpoint.tick(now_s).said)
+    assert [line for line in lines_of(lines) if "sign" in line] == told
