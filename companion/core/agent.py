@@ -219,13 +219,14 @@ class Agent:
         gathers = phase is SwarmPhase.GATHER and not swarm.phases.overdue(now_s)
         uncertain = picture.find_uncertain_peer(self.id, leader, gathers=gathers)
         findings = [*picture.lacks, *failsafe_engine.detect(Source.LOCALISATION, Readings(unsure_of=uncertain))]
-        neighbours, silent, nearest_m = picture.neighbours, picture.silent, self.perception.nearest_m
-        has_room = lands and self._landing_room.is_clear(neighbours, silent, nearest_m(picture.own), now_s)
+        neighbours, silent, own = picture.neighbours, picture.silent, picture.own
+        has_room = lands and self._landing_room.is_clear(neighbours, silent, self.perception.nearest_m(own), now_s)
         findings += swarm.findings(picture, clear_below=has_room)
-        clear = flight.state is not FlightState.TAKING_OFF or self._climb_room.is_clear(neighbours, silent, now_s)
+        up = own if picture.airborne else None
+        room = flight.state is not FlightState.TAKING_OFF or self._climb_room.is_clear(neighbours, silent, up, now_s)
         joins, allowed, why = swarm.may_join(), swarm.operator.may_take_off, picture.not_localised
         requests = flight.update_flight(
-            phase, now_s, findings=findings, may_join=joins, may_take_off=allowed, clear_above=clear, not_localised=why
+            phase, now_s, findings=findings, may_join=joins, may_take_off=allowed, climb_room=room, not_localised=why
         )
         return Orders(
             leader=leader,

@@ -54,7 +54,7 @@ class Flight:
         self._holds = HoldReports()
         self._steering_since_s: float | None = None  # since when setpoints have been streaming
         self._climb = Climb(self.vehicle, self._modes, takeoff_altitude_m)
-        self._may_take_off, self._clear_above = False, True
+        self._may_take_off, self._climb_room = False, True
         self._waiting, self._late_said = Waiting(), False
         self._said: list[Say] = []
         self._now_s = 0.0  # of this tick
@@ -134,16 +134,16 @@ class Flight:
         findings: Sequence[Finding],
         may_join: bool,
         may_take_off: bool,
-        clear_above: bool = True,
+        climb_room: bool = True,
         not_localised: str = "",
     ) -> list[Ask | Say]:
         """Advance. `findings`: all that is found now, its own among them; `may_join`: a leader is known and flies.
 
-        `may_take_off`: by the operator's order; `clear_above`: nobody hovers in the way of its climb, where it takes
-        off; `not_localised`: why its position among the others is not known.
+        `may_take_off`: by the operator's order; `climb_room`: nobody is in the way of its climb, above or beside, where
+        it takes off; `not_localised`: why its position among the others is not known.
         """
         self._not_localised, self._now_s = not_localised, now_s
-        self._may_take_off, self._clear_above = may_take_off, clear_above
+        self._may_take_off, self._climb_room = may_take_off, climb_room
         asks: list[Ask | Say] = []
         self._mind_silence(now_s)
         self._mind_lateness()
@@ -244,14 +244,14 @@ class Flight:
         if self._left_off([*findings, *self._climb.findings(how)]):
             return []
         if self._climb.seen:
-            if not self.vehicle.climbs_by_itself:
+            if not self.vehicle.climbs_by_itself or not self._climb_room:  # steered it gives way, and climbs on
                 self._move(FlightEvent.CLIMB_ENDS)
             return []
         if self._requests.request is not Request.TAKEOFF and self._requests.may_ask(how, now_s):
             if not self._may_begin(phase, now_s, findings):  # as it is asked for again, for as long as it is refused
                 self._move(FlightEvent.CHECKS_FAIL)
                 return []
-            if not self._clear_above and not self.vehicle.armed:
+            if not self._climb_room and not self.vehicle.armed:
                 return self._report_wait("a vehicle above", now_s)
             self._waiting.clear()
         return self._next_step(how, now_s)

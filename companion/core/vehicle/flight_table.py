@@ -18,7 +18,7 @@ class FlightEvent(Enum):
     CHECKS_PASS = "on the ground, it has all that it takes to fly"
     CHECKS_FAIL = "before it has asked for the climb it lacks something again, may not fly, or is armed by another"
     TAKE_OFF = "the swarm takes off, or flies"
-    CLIMB_ENDS = "at its altitude the autopilot has ended the climb"
+    CLIMB_ENDS = "at its altitude the autopilot has ended the climb; or another that flies is too near"
     JOIN = "in the air, it hears its autopilot and a leader that flies"
     HOLD = "a failsafe has it hold, or its phase or its autopilot is not there yet"
     GATHER = "the swarm gathers at d1"

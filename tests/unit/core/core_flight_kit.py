@@ -58,7 +58,7 @@ class Bench:
     hold: bool = False
     may_join: bool = False
     may_take_off: bool = True
-    clear_above: bool = True
+    climb_room: bool = True
     speed_mps: float = 0.0
     asked: list[Ask] = field(default_factory=list)
     said: list[Say] = field(default_factory=list)
@@ -80,7 +80,7 @@ class Bench:
                 findings=found,
                 may_join=self.may_join,
                 may_take_off=self.may_take_off,
-                clear_above=self.clear_above,
+                climb_room=self.climb_room,
             )
             self.asked += [a for a in out if isinstance(a, Ask)]
             self.said += [a for a in out if isinstance(a, Say)]

@@ -23,7 +23,7 @@ S = FlightState
 
 
 def is_clear(*neighbours: Any, silent: tuple[PeerReport, ...] = ()) -> bool:
-    return ClimbRoom(mission()).is_clear(neighbours, {report.vehicle: report for report in silent}, 10.0)
+    return ClimbRoom(mission()).is_clear(neighbours, {report.vehicle: report for report in silent}, None, 10.0)
 
 
 # --- on the ground ---
@@ -50,7 +50,7 @@ def test_one_that_fell_silent_above_is_waited_for_without_end() -> None:
     room, keep_m = ClimbRoom(mission()), HARD_M + MARGIN_M + SILENT_STRAY_M
     silent = PeerReport(2, (keep_m - 0.1, 0.0, -8.0), 20.0, silent=True)
     for k in range(round(3.0 * TOLD_LIMIT_S)):
-        assert not room.is_clear((), {2: silent}, float(k))
+        assert not room.is_clear((), {2: silent}, None, float(k))
     assert is_clear(silent=(PeerReport(2, (keep_m + 0.1, 0.0, -8.0), 20.0, silent=True),))
 
 
@@ -64,12 +64,25 @@ def test_one_that_fell_silent_above_is_waited_for_without_end() -> None:
 def test_a_place_that_others_alone_tell_keeps_nobody_on_the_ground_for_good(told: PeerReport) -> None:
     room = ClimbRoom(mission())
     for k in range(round(TOLD_LIMIT_S)):
-        assert not room.is_clear((), {2: told}, float(k))
-    assert room.is_clear((), {2: told}, TOLD_LIMIT_S)
-    assert not room.is_clear((), {2: told}, TOLD_LIMIT_S + AGAIN_S + 0.1)  # another takeoff
+        assert not room.is_clear((), {2: told}, None, float(k))
+    assert room.is_clear((), {2: told}, None, TOLD_LIMIT_S)
+    assert not room.is_clear((), {2: told}, None, TOLD_LIMIT_S + AGAIN_S + 0.1)  # another takeoff
 
 
 # --- in the air ---
+
+
+@pytest.mark.parametrize("state", [S.TAKING_OFF, S.HOLD])
+def test_one_that_climbs_has_no_room_where_the_filter_would_keep_another_farther_off(state: FlightState) -> None:
+    near_m, steerable_m = HARD_M + MARGIN_M - 0.1, mission().fence.altitude_min_m + MARGIN_M
+    up = Position((0.0, 0.0, -steerable_m - 0.1), ZERO)
+    near = neighbour(2, (near_m, 0.0, 0.0), state=state, airborne=True)
+    far = neighbour(2, (near_m + 0.2, 0.0, 0.0), state=state, airborne=True)
+    grounded = neighbour(2, (near_m, 0.0, 0.0), state=S.READY, airborne=False)
+    room = ClimbRoom(mission())
+    assert not room.is_clear((near,), {}, up, 10.0)
+    assert room.is_clear((far, grounded), {}, up, 10.0)
+    assert room.is_clear((near,), {}, Position((0.0, 0.0, -steerable_m + 0.1), ZERO), 10.0)  # too low to be steered
 
 
 def _wanted_rest(rel_ned_m: Vec3, state: FlightState) -> Vec3:

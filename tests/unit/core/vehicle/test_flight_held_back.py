@@ -62,14 +62,24 @@ def test_climb_that_has_been_asked_for_is_not_held_back() -> None:
 
 def test_one_under_another_waits_before_it_arms_and_says_so() -> None:
     bench = ready()
-    bench.seconds(WAIT_SAID_S + 1.0, phase=P.GATHER, clear_above=False)
+    bench.seconds(WAIT_SAID_S + 1.0, phase=P.GATHER, climb_room=False)
     assert bench.asked == []
     assert bench.texts == ["taking off to 8.0 m", "waiting: a vehicle above"]
     assert bench.flight.waits_for == "a vehicle above"
-    assert bench.tick(clear_above=True).requests == [Request.ARM]
+    assert bench.tick(climb_room=True).requests == [Request.ARM]
     assert bench.flight.waits_for == ""
     # Armed: no time is left for that
-    assert bench.seconds(2 * RETRY_S, armed=True, clear_above=False).requests == [Request.TAKEOFF]
+    assert bench.seconds(2 * RETRY_S, armed=True, climb_room=False).requests == [Request.TAKEOFF]
+
+
+def test_a_climb_beside_another_ends_early_and_it_is_steered() -> None:
+    bench = asked_to_climb()
+    bench.seconds(2.0, armed=True, mode=M.TAKEOFF, climb_room=True)
+    assert bench.state is S.TAKING_OFF
+    bench.seconds(0.1, armed=True, mode=M.TAKEOFF, climb_room=False)
+    assert bench.state is S.HOLD
+    assert bench.flight.steers
+    assert Request.OFFBOARD in bench.seconds(2 * RETRY_S, armed=True, mode=M.TAKEOFF).requests
 
 
 def test_landing_ends_no_sooner_than_the_arming_that_was_asked_for_would_show() -> None:
