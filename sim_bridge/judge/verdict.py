@@ -9,8 +9,7 @@ ARRIVED asserts all of these:
   acting leaders in one connected part for more than 2 s.
 - Coverage was formed when its time was over, unless coverage.duration_s = 0: over the last 5 s of the phase no vehicle
   was further off the ring or sphere than a covering vehicle is (`coverage_radius_error_m`), the gap was at most 1.5
-  times the ideal (where one that was killed still hovers, or as wide as two on a ring that keep clear of it must leave
-  it), and none whose companion answers was on the ground (`uncovering`).
+  times the ideal, and none whose companion answers was on the ground (`uncovering`).
 - Where the mission lands, every vehicle is on the ground in the right place and disarmed; and nowhere has one come
   down for good before it announced the phase LAND, as those do that are left without a majority (`landed_early`).
 - No vehicle was lost: at the end every companion answers (and every external autopilot), and no vehicle has run into
@@ -39,10 +38,8 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from companion.core.perception.obstacle_cloud import ObstacleKind
-from companion.core.safety.clearance import Use, clearance_m
 from mission.common.forming import FORMED_RATIO
-from mission.document.model import AtEnd, CoverageShape, Mission
+from mission.document.model import AtEnd, Mission
 from mission.schema.faults import FaultKind
 from sim_bridge.judge.fault_events import SILENCING, FaultEvent, silenced
 from sim_bridge.judge.metrics import Metrics, tolerance_m
@@ -50,7 +47,6 @@ from sim_bridge.judge.metrics.arrival import estimates_tolerance_m
 
 SEPARATION_TOLERANCE_M = 0.1  # the safety filter commands velocities: an airframe follows them to centimetres
 FENCE_TOLERANCE_M = 1.0  # what an autopilot's estimate of its position may be wrong by
-HUNG_SLACK = 1.1  # of the gap beside one that hovers silent: it wanders, and so do those beside it
 UNHEARD_S = 5.0  # after two hear each other again, until they may be asked to keep their distance, and count each other
 LEADERS_TOGETHER_S = 2.0  # until two that come into reach have heard each other, over some links that lose beacons
 HARMLESS = (FaultKind.OUTSIDER, FaultKind.BASE_LOST)  # no vehicle is to fly otherwise for them
@@ -306,18 +302,6 @@ def _coverage(metrics: Metrics, mission: Mission, struck: _Struck) -> Iterator[_
         yield _Problem("coverage", text, struck.excuses(metrics.uncovering))
 
 
-def gap_limit_deg(metrics: Metrics, mission: Mission) -> float:
-    """The widest gap of a coverage that is formed. It was."""
-    assert metrics.coverage_gap_ideal_deg is not None
-    limit_deg = FORMED_RATIO * metrics.coverage_gap_ideal_deg
-    hangs = bool(set(metrics.lost) & set(metrics.aloft))
-    if not hangs or mission.coverage.shape is not CoverageShape.RING:
-        return limit_deg
-    clear_m = clearance_m(ObstacleKind.SILENT, Use.STAY, mission.separation.hard_m)
-    beside_deg = 2.0 * math.degrees(math.asin(min(1.0, clear_m / (2.0 * mission.coverage.radius_m))))
-    return max(limit_deg, 2.0 * beside_deg * HUNG_SLACK)
-
-
 def _unformed(metrics: Metrics, mission: Mission) -> str:
     gap_deg, ideal_deg = metrics.coverage_gap_deg, metrics.coverage_gap_ideal_deg
     if gap_deg is None or ideal_deg is None:
@@ -330,11 +314,8 @@ def _unformed(metrics: Metrics, mission: Mission) -> str:
         flying = set(metrics.uncovering) - set(metrics.landed_early)
         who = f"{_vehicles(flying)} " if flying else ""
         return f"coverage not formed: {who}up to {error_m:.1f} m off the {shape}: must be within {within_m:g} m"
-    limit_deg = gap_limit_deg(metrics, mission)
-    if gap_deg > limit_deg:
-        most = f"{FORMED_RATIO:g} x {ideal_deg:.0f}"
-        most = most if limit_deg == FORMED_RATIO * ideal_deg else f"{limit_deg:.0f} beside one that hovers silent"
-        return f"coverage not formed: gap {gap_deg:.0f} deg: must be at most {most}"
+    if gap_deg > FORMED_RATIO * ideal_deg:
+        return f"coverage not formed: gap {gap_deg:.0f} deg: must be at most {FORMED_RATIO:g} x {ideal_deg:.0f}"
     down = set(metrics.uncovering) - set(metrics.landed_early)  # the others of a large ring leave hardly a gap
     if down:
         return f"coverage not formed: {_vehicles(down)} did not cover"

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from mission.common.forming import FORMED_RATIO
 from mission.document.model import Mission
 from sim_bridge.judge.metrics import Metrics, tolerance_m
-from sim_bridge.judge.verdict import gap_limit_deg, separation_limit_m
+from sim_bridge.judge.verdict import separation_limit_m
 
 
 class Limit(NamedTuple):
@@ -45,7 +46,7 @@ def limits(metrics: Metrics, mission: Mission) -> list[Limit]:
         found.append(Limit("connected in transit", f"{share if share == 1.0 else min(share, 0.999):.1%}", "", None))
     gap_deg, ideal_deg = metrics.coverage_gap_deg, metrics.coverage_gap_ideal_deg
     if mission.coverage.duration_s > 0.0 and gap_deg is not None and ideal_deg is not None:
-        most_deg = gap_limit_deg(metrics, mission)
+        most_deg = FORMED_RATIO * ideal_deg
         allowed = f"at most {most_deg:.0f}° (ideal {ideal_deg:.0f}°)"
         found.append(Limit("coverage gap", f"{gap_deg:.0f}°", allowed, gap_deg <= most_deg))
         error_m, within_m = metrics.coverage_radius_error_m, tolerance_m(mission)
