@@ -40,6 +40,7 @@ class Errors:
     bearing_rad: float = math.radians(5.0)
 
 
+AMONG_TRUNKS: Final = Errors(mean_range_m=0.04)  # where trunks are shared, of an odometer that none correct
 # Of odometers that raw scans correct: 0.01 to 0.04 m in 2 s among 400 trees/ha; more where few trunks are in sight
 BY_TRUNKS: Final = Errors(velocity_mps=0.05, bias_mps=0.02, mean_range_m=0.04)
 
@@ -48,12 +49,13 @@ BY_TRUNKS: Final = Errors(velocity_mps=0.05, bias_mps=0.02, mean_range_m=0.04)
 class ErrorStateCovariance:
     """Slots: neighbours in their order, -1 this vehicle. A `turning`: by what each position moves for a radian."""
 
-    __slots__ = ("_errors", "_info", "_noise", "_power", "_pull", "_shares", "cov", "fresh", "n")
+    __slots__ = ("_by_trunks", "_errors", "_info", "_noise", "_power", "_pull", "_shares", "cov", "fresh", "n")
 
     def __init__(self, errors: Errors) -> None:
         self._errors: Final = errors
         self.n = 0
         self._shares: Row = [1.0]  # of each slot, last this vehicle: of bias and compass error
+        self._by_trunks = [False]  # of each slot, last this vehicle: trunks correct its odometer
         self.cov: Matrix = zeros(4, 4)
         self._info: Matrix = []  # what was measured since the last correction: H'R^-1 H, and
         self._pull: Row = []  # H'R^-1 times the innovations
@@ -70,6 +72,7 @@ class ErrorStateCovariance:
         `sure`: of each, this vehicle last, whether it has GNSS; by default none has.
         """
         self._shares = [SURE_SHARE if one else 1.0 for one in sure] or [1.0] * (n + 1)
+        self._by_trunks = [False] * (n + 1)
         self.n, self.cov = n, zeros(5 * n + 4, 5 * n + 4)
         for i in range(2 * n):
             for j in range(i % 2, 2 * n, 2):
@@ -90,6 +93,7 @@ class ErrorStateCovariance:
         grown[2 * n][2 * n] = grown[2 * n + 1][2 * n + 1] = sd_m * sd_m
         self.n, self.cov = n + 1, grown
         self._shares.insert(n, 1.0)
+        self._by_trunks.insert(n, False)
         self._prior(n)
         self.clear()
 
@@ -98,7 +102,7 @@ class ErrorStateCovariance:
         bias = self.bias(slot)
         gone = (2 * slot, 2 * slot + 1, bias, bias + 1, bias + 2)
         keep = [k for k in range(len(self.cov)) if k not in gone]
-        del self._shares[slot]
+        del self._shares[slot], self._by_trunks[slot]
         self.cov = [[self.cov[i][j] for j in keep] for i in keep]
         self.n -= 1
         self.clear()
@@ -116,10 +120,25 @@ class ErrorStateCovariance:
         return 2 * slot, 2 * self.n, self.yaw(slot), self.yaw(-1)
 
     def _prior(self, slot: int) -> None:
-        errors, cov, bias, yaw = self._errors, self.cov, self.bias(slot), self.yaw(slot)
+        cov, bias, yaw = self.cov, self.bias(slot), self.yaw(slot)
         share = self._shares[slot] ** 2
-        cov[bias][bias] = cov[bias + 1][bias + 1] = share * errors.bias_mps**2
-        cov[yaw][yaw] = share * errors.yaw_rad**2
+        cov[bias][bias] = cov[bias + 1][bias + 1] = share * self._errors_of(slot).bias_mps ** 2
+        cov[yaw][yaw] = share * self._errors.yaw_rad**2
+
+    def _errors_of(self, slot: int) -> Errors:
+        return BY_TRUNKS if self._by_trunks[slot] else self._errors
+
+    def set_by_trunks(self, slot: int, *, by_trunks: bool) -> bool:
+        """Believe a vehicle's odometer as one that trunks correct, or not. True: that is new, as is its bias."""
+        if self._by_trunks[slot] == by_trunks:
+            return False
+        self._by_trunks[slot] = by_trunks
+        for state in (self.bias(slot), self.bias(slot) + 1):
+            self.cov[state] = [0.0] * len(self.cov)
+            for row in self.cov:
+                row[state] = 0.0
+            self.cov[state][state] = self._shares[slot] ** 2 * self._errors_of(slot).bias_mps ** 2
+        return True
 
     def inflate(self, slot: int, by_m: float) -> None:
         """One vehicle may be off by so much more."""
@@ -247,11 +266,10 @@ class ErrorStateCovariance:
                 row[2 * slot + 1] += east - (w_n - my_n) * row[turn]
             for j in range(size):
                 row[j] *= keep * keeps[j]
-        new_bias = errors.bias_mps**2 * (1.0 - keep_bias * keep_bias)
         new_yaw = errors.yaw_rad**2 * (1.0 - keep_yaw * keep_yaw)
         for slot in range(-1, n):
-            bias, yaw = self.bias(slot), self.yaw(slot)
-            share = self._shares[slot] ** 2
+            bias, yaw, share = self.bias(slot), self.yaw(slot), self._shares[slot] ** 2
+            new_bias = self._errors_of(slot).bias_mps ** 2 * (1.0 - keep_bias * keep_bias)
             cov[bias][bias] += share * new_bias
             cov[bias + 1][bias + 1] += share * new_bias
             cov[yaw][yaw] += share * new_yaw
@@ -263,13 +281,14 @@ class ErrorStateCovariance:
         One that moves against the others shows how the formation is turned. Noise that is taken for such a move would
         show it too, and wrongly: the ways against their mean are shortened by what share of their power is noise.
         """
-        errors, count = self._errors, len(went)
+        count = len(went)
         mean_n = sum([way[0] for way in went]) / count
         mean_e = sum([way[1] for way in went]) / count
         power = 0.0
         for north, east in went:
             power += (north - mean_n) ** 2 + (east - mean_e) ** 2
-        noise = errors.velocity_mps**2 * min(errors.velocity_s, since_s) * since_s + (errors.bias_mps * since_s) ** 2
+        by_trunks = sum(self._by_trunks) / count
+        noise = (1.0 - by_trunks) * _moves_m2(self._errors, since_s) + by_trunks * _moves_m2(BY_TRUNKS, since_s)
         follow = min(1.0, since_s / POWER_S)
         self._power += follow * (power - self._power)
         self._noise += follow * (2.0 * (count - 1) * noise - self._noise)
@@ -348,9 +367,15 @@ class ErrorStateCovariance:
     def add_process_noise(self, since_s: float) -> None:
         """White noise of all odometers. After the correction: ranges are older, by half an epoch and a beacon."""
         cov, n = self.cov, self.n
-        walk = self._errors.velocity_mps**2 * self._errors.velocity_s * since_s
+        walks = [e.velocity_mps**2 * e.velocity_s * since_s for e in [self._errors_of(slot) for slot in range(n + 1)]]
         for i in range(2 * n):
             row = cov[i]
             for j in range(i % 2, 2 * n, 2):
-                row[j] += walk
-            row[i] += walk
+                row[j] += walks[n]
+            row[i] += walks[i // 2]
+
+
+def _moves_m2(errors: Errors, since_s: float) -> float:
+    """Variance of the way, on an axis, m2, that an odometer tells of a vehicle that stands still."""
+    white = errors.velocity_mps**2 * min(errors.velocity_s, since_s) * since_s
+    return white + (errors.bias_mps * since_s) ** 2

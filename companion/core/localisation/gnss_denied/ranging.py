@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from typing import Final, final
 
-from companion.core.localisation.gnss_denied.error_state import BY_TRUNKS, Errors, Level
+from companion.core.localisation.gnss_denied.error_state import AMONG_TRUNKS, Errors, Level
 from companion.core.localisation.gnss_denied.relative_filter import RelativeFilter
 from companion.core.localisation.gnss_denied.relative_state import drift_of, drifted_m
 from companion.core.localisation.gnss_denied.relocalisation import Relocaliser
@@ -272,7 +272,7 @@ class RangingLocaliser:
 
     def _filter_of(self, positions: dict[int, Level], sd_m: float) -> RelativeFilter:
         """With the others there, each off by at least what positions of missions are."""
-        made = RelativeFilter(BY_TRUNKS if self._mission.shares_trunks and self.has_radio else Errors())
+        made = RelativeFilter(AMONG_TRUNKS if self._mission.shares_trunks and self.has_radio else Errors())
         sure = [k for k in positions if self._mission.has_satellites(k)]
         made.initialise(positions, max(START_SD_M, sd_m), sure=sure, is_sure=self._mission.has_satellites(self._me))
         return made

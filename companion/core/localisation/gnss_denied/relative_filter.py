@@ -24,6 +24,7 @@ from typing import Final, final
 from companion.core.localisation.gnss_denied.epoch_ranges import EpochRanges
 from companion.core.localisation.gnss_denied.error_state import Errors, ErrorStateCovariance, Level
 from companion.core.localisation.gnss_denied.relative_state import COASTS_S, Relative, VehicleMean, aligned_row
+from companion.core.localisation.integrity.innovation_gate import HARD, SOFT, InnovationGate
 from companion.core.model.linear_algebra import Matrix, Row
 from companion.core.perception.landmarks.constellation import Alignment, turned
 
@@ -33,9 +34,7 @@ FASTEST_MPS: Final = 20.0  # what is told faster is not believed
 FARTHEST_M: Final = 500.0  # the same of ranges
 OLDEST_S: Final = 1.0  # and what is told later
 WAITING_MAX: Final = 1024  # ranges of an epoch: twelve vehicles measure 660 a second
-SOFT: Final = 2.5  # sigmas: of an innovation that is larger the weight falls
-HARD: Final = 6.0  # one that is larger says nothing
-TRUST: Final = 2000.0  # measurements: where innovations are larger than is believed, so are the errors of ranges
+TRUNKS_S: Final = 2.5  # so long after trunks corrected its odometer last it is as sure as they make it: it tells each s
 LOCKED_S: Final = 3.0  # a vehicle none of whose ranges were good for so long is somewhere else
 AFTER_JUMP_M: Final = 2.0  # an odometer's jump hides so much flight
 
@@ -53,12 +52,10 @@ class RelativeFilter:
         self._of: dict[int, VehicleMean] = {}
         self._epoch_s = -1.0  # when the covariance was brought up last; < 0: never
         self._covariance = ErrorStateCovariance(self._errors)
-        self.used = self.dropped = 0  # measurements
-        self._squares = 0.0
+        self.gate: Final = InnovationGate()
         self._waiting: list[_Range] = []
         self._ranges = EpochRanges(self._errors)
         self._aligned: dict[int, Alignment] = {}  # by neighbour: what waits for the end of the epoch
-        self._trust = 1.0  # normalised innovation squared, lately
 
     # --- which are there ---
 
@@ -136,11 +133,11 @@ class RelativeFilter:
         u_n, u_e = n_m / apart_m, e_m / apart_m
         off_m = level_m - apart_m
         var = (
-            self._errors.range_m**2 * max(1.0, self._trust)
+            self._errors.range_m**2 * max(1.0, self.gate.mean_square)
             + a.coasted_m2(self._errors, at_s)
             + b.coasted_m2(self._errors, at_s)
         )
-        weight = self._weigh_innovation(off_m, var + self._covariance.range_variance(slot_a, slot_b, u_n, u_e)) / var
+        weight = self.gate.weigh(off_m, var + self._covariance.range_variance(slot_a, slot_b, u_n, u_e)) / var
         if self._is_good(a, b, slots, weight, abs(off_m), now_s):
             self._ranges.add(slots, (u_n, u_e, off_m, weight), self._covariance)
 
@@ -161,9 +158,22 @@ class RelativeFilter:
         off = north_rad + self._me.yaw - math.atan2(mover.e_m, mover.n_m)
         off -= math.tau * round(off / math.tau)
         var = self._errors.bearing_rad**2 + mover.coasted_m2(self._errors, now_s) / square
-        weight = self._weigh_innovation(off, var + self._covariance.bearing_variance(slot, h_n, h_e)) / var
+        weight = self.gate.weigh(off, var + self._covariance.bearing_variance(slot, h_n, h_e)) / var
         if weight > 0.0:
             self._covariance.add_bearing(slot, h_n, h_e, off, weight)
+
+    def note_trunks(self, vehicle: int | None, now_s: float) -> None:
+        """Trunks correct the odometer of this vehicle (None) or of a neighbour, as it tells."""
+        mover = self._me if vehicle is None else self._of.get(vehicle)
+        if mover is not None:
+            mover.trunks_s = now_s
+
+    def _believe_odometers(self, now_s: float) -> None:
+        """As they are corrected now: who sees no trunk has the errors of its autopilot."""
+        for slot in range(-1, len(self.ids)):
+            mover = self._me if slot < 0 else self._of[self.ids[slot]]
+            if self._covariance.set_by_trunks(slot, by_trunks=now_s - mover.trunks_s <= TRUNKS_S):
+                mover.bias_n = mover.bias_e = 0.0
 
     def add_alignment(self, vehicle: int, found: Alignment) -> None:
         """Trunks that both have seen: a known neighbour's odometer in the own. It counts with the next epoch."""
@@ -192,6 +202,7 @@ class RelativeFilter:
             self._epoch_s = now_s
         elif now_s - self._epoch_s >= EPOCH_S - 1e-6:
             since_s, self._epoch_s = now_s - self._epoch_s, now_s
+            self._believe_odometers(now_s)
             self._take_ranges(now_s)
             self._propagate_covariance(since_s)
             if self._covariance.fresh:
@@ -261,11 +272,6 @@ class RelativeFilter:
     def rotation_sd_rad(self) -> float:
         """Standard deviation of the turn of the whole formation about this vehicle: ranges see it only in motion."""
         return math.sqrt(self._covariance.turn_variance(self._turning()))
-
-    @property
-    def nis(self) -> float:
-        """Mean normalised innovation squared, each at most SOFT's: 0.98 if errors are normal and as believed."""
-        return self._squares / self.used if self.used else math.nan
 
     # --- means ---
 
@@ -345,19 +351,6 @@ class RelativeFilter:
         return [value for mover in movers for value in (-mover.e_m, mover.n_m)]
 
     # --- gates ---
-
-    def _weigh_innovation(self, off: float, expected: float) -> float:
-        """The share of its weight that a measurement keeps; 0: dropped."""
-        ratio2 = off * off / expected
-        if ratio2 > HARD * HARD:
-            self.dropped += 1
-            return 0.0
-        self.used += 1
-        counted = min(ratio2, SOFT * SOFT)
-        self._squares += counted
-        self._trust += (ratio2 - self._trust) / TRUST
-        keep = counted / ratio2 if ratio2 > 0.0 else 1.0
-        return keep * keep if off > 0.0 else keep  # what comes round a trunk comes late, never early
 
     def _is_good(
         self, a: VehicleMean, b: VehicleMean, slots: tuple[int, int], weight: float, off_m: float, now_s: float

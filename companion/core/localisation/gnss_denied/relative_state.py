@@ -60,6 +60,7 @@ class VehicleMean:
         "odo_n",
         "shut_out_s",
         "told_s",
+        "trunks_s",
         "vel_e",
         "vel_n",
         "went_e",
@@ -77,6 +78,7 @@ class VehicleMean:
         self.knots: list[tuple[float, float, float]] = []  # what it told lately: time, odometer
         self.lost = False  # it has told nothing for longer than it is taken to fly on
         self.heard_s = 0.0  # the time up to which odo_n, odo_e are brought
+        self.trunks_s = -math.inf  # when trunks corrected its odometer last
         self.shut_out_s = -1.0  # when its ranges began to be no good; < 0: they are
 
     def add_knot(self, odo_n: float, odo_e: float, told_s: float) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from companion.core.agent import TICK_S
 from companion.core.localisation.gnss_denied.error_state import Errors
-from companion.core.localisation.gnss_denied.relative_filter import HARD, SOFT
+from companion.core.localisation.integrity.innovation_gate import HARD, SOFT
 from sim_bridge.lab.study.law import Floats
 from sim_bridge.lab.study.localise.paths import Paths
 from sim_bridge.lab.study.localise.sensors import Measured

@@ -91,8 +91,9 @@ def fly(paths: Paths, measured: Measured, errors: Errors, observer: int, start_m
             turned.append(float((across * off[-1]).sum() / (across * across).sum()))
             sd.append(me.rotation_sd_rad)
     share = cpu_s / (ticks * TICK_S)
-    dropped = me.dropped / max(1, me.used + me.dropped)
-    return Seen(np.array(off), np.array(cov), np.array(own), np.array(turned), np.array(sd), me.nis, dropped, share)
+    gate = me.gate
+    dropped = gate.dropped / max(1, gate.used + gate.dropped)
+    return Seen(np.array(off), np.array(cov), np.array(own), np.array(turned), np.array(sd), gate.nis, dropped, share)
 
 
 def _level(pair: list[float]) -> Level:
