@@ -142,6 +142,8 @@ ROSTER: dict[str, Keep] = {
     "done": AS_IT_IS,
     "present": AS_IT_IS,
     "flown": AS_IT_IS,
+    "_flies": AS_IT_IS,
+    "_untold": AS_IT_IS,
     "_behind": new(lambda _: []),  # found anew before it is asked for
     # Nobody falls silent within range here: whom one does not hear any more it takes to have left
     "_doubted": new(lambda _: 0),

@@ -38,8 +38,10 @@ class Roster:
         "_doubted_s",
         "_everyone",
         "_excluded",
+        "_flies",
         "_me",
         "_quorum_s",
+        "_untold",
         "done",
         "flown",
         "present",
@@ -54,6 +56,8 @@ class Roster:
         self._doubted = 0  # those that do not count as here, whatever their branch says
         self._doubted_s: float | None = None  # since when it takes one branch's word for the majority
         self.flown = 0
+        self._flies = False
+        self._untold = 0  # started in the air: those that may have taken off before
         self._excluded = 0  # of whose words none count: nobody waits for them, and they are no part of the majority
         self._quorum_s: float | None = None  # when this part had the majority last
         self._counted_s: float | None = None  # since when it has had it, as counted, but for moments
@@ -66,8 +70,13 @@ class Roster:
         """Leave out vehicles whose words do not count now; bit k-1 for vehicle k."""
         self._excluded = vehicles
 
-    def mark_airborne(self) -> None:
-        """This vehicle takes off, or is in the air."""
+    def mark_airborne(self, *, takes_off: bool) -> None:
+        """This vehicle takes off, or is in the air; one that was started there does not know who else is."""
+        if takes_off:
+            self._untold = 0
+        elif not self._flies:
+            self._untold = self._everyone
+        self._flies = True
         self.flown |= self._me
 
     def mark_launched(self, ready: int) -> None:
@@ -104,7 +113,12 @@ class Roster:
 
     def missing_peers(self, grounded: int = 0) -> int:
         """The vehicles that took off and are not in this part. `grounded`: last heard on the ground; not counted."""
-        return self.flown & ~self.find_linked() & ~grounded & ~self._excluded
+        return self._took_off & ~self.find_linked() & ~grounded & ~self._excluded
+
+    @property
+    def _took_off(self) -> int:
+        """Vehicles that took off, or may have, as one that was started in the air cannot know. Bit k-1: vehicle k."""
+        return self.flown | self._untold
 
     def find_linked(self) -> int:
         """The vehicles that count as in this part; bit k-1 for vehicle k."""
@@ -112,7 +126,7 @@ class Roster:
 
     def _find_doubted(self, grounded: int) -> int:
         """The vehicles that fell silent here, by the one branch without which this part is no majority; else 0."""
-        awaited = self.flown & ~grounded & ~self._excluded
+        awaited = self._took_off & ~grounded & ~self._excluded
         missing = awaited & ~self.present
         if self._is_majority(self.present, missing):
             for doubted in self._behind:
@@ -130,7 +144,7 @@ class Roster:
     def has_quorum(self, now_s: float, *, grounded: int = 0) -> bool:
         """A leader's: its part is the majority of those that took off, or was a moment ago, by the table of failsafes.
 
-        A new leader has none until it has counted one, but what it has been handed (see `begin_lead`).
+        A new leader has none until it has counted one, but what it has been handed (see `note_following`).
         """
         doubted = self._find_doubted(grounded)
         if not doubted:
@@ -156,13 +170,16 @@ class Roster:
             return False
         return not self.flown or now_s - self._counted_s >= DECIDES_AFTER_S
 
-    def begin_lead(self, quorum_s: float | None) -> None:
-        """This vehicle may begin to lead: which are there comes up the routes only then.
+    def note_following(self, quorum_s: float | None, *, majority: bool) -> None:
+        """While it does not lead: which are there comes up the routes only when it does.
 
         `quorum_s`: when the leader that hands over to it had the majority last; None: nobody hands over to it.
+        `majority`: the leader that it follows says that it has one. Who took off is among what it has been told then.
         """
         self._quorum_s, self._counted_s = quorum_s, None
         self._doubted, self._doubted_s = 0, None
+        if majority:
+            self._untold = 0
 
 
 def list_vehicles(vehicles: Sequence[int]) -> str:

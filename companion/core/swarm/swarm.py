@@ -95,9 +95,9 @@ class Swarm:
     def update_picture(self, picture: Picture) -> None:
         """Each tick, before anything is decided: contact with peers, who has taken off, the way back."""
         self.phases.obey(picture.now_s, holds=self.operator.holds, lands=self.operator.lands)
-        own = picture.own
-        if own is not None and (picture.airborne or picture.state is FlightState.TAKING_OFF):
-            self.roster.mark_airborne()
+        own, takes_off = picture.own, picture.state is FlightState.TAKING_OFF
+        if own is not None and (picture.airborne or takes_off):
+            self.roster.mark_airborne(takes_off=takes_off)
         if own is not None and picture.may_lose_position and picture.is_steered:
             self._update_trail(own.pos_ned_m, is_lost=picture.is_position_lost)
         self.partition.update_peer_contact(picture, led=self.election.lease is not None)
@@ -320,18 +320,18 @@ class Swarm:
     # --- inside ---
 
     def _new_election(self, mission: Mission) -> Election:
-        swarm = mission.swarm
-        periods = round(swarm.reelection_period_s / (1.0 / mission.radio.beacon_rate_hz))
+        periods = round(mission.swarm.reelection_period_s / (1.0 / mission.radio.beacon_rate_hz))
         priority = self._priorities.of(self.me, self._reception)
-        return Election(self.me, priority, size=swarm.size, reelection_periods=periods)
+        return Election(self.me, priority, size=mission.swarm.size, reelection_periods=periods)
 
     def _count_votes(self, picture: Picture) -> None:
         """Finds out if this part of the swarm may go on: its leader counts, and says so with the lease."""
         if self.election.role is Role.LEADER:
-            grounded = picture.contacts.grounded()
-            self.election.set_quorum(self.roster.has_quorum(picture.now_s, grounded=grounded))
+            self.election.set_quorum(self.roster.has_quorum(picture.now_s, grounded=picture.contacts.grounded()))
         else:
-            self.roster.begin_lead(picture.now_s if self.election.inherits_quorum(RENEWED_PERIODS) else None)
+            lease, inherits = self.election.lease, self.election.inherits_quorum(RENEWED_PERIODS)
+            is_led = lease is not None and lease.established and lease.quorum
+            self.roster.note_following(picture.now_s if inherits else None, majority=is_led)
         self.partition.update_quorum(picture, self.election.lease)
 
     def _search_lost_peers(self, picture: Picture) -> None:

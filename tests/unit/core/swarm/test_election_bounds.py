@@ -187,7 +187,7 @@ def test_branches_are_there_with_their_senders_and_the_first_vehicle_too() -> No
 def test_a_roster_begins_with_its_own_vehicle_and_nothing_done() -> None:
     roster = Roster(3, 4)
     assert (roster.present, roster.done, roster.flown) == (0b100, 0, 0)
-    roster.mark_airborne()
+    roster.mark_airborne(takes_off=True)
     assert roster.flown == 0b100
 
 
@@ -197,7 +197,7 @@ def test_by_default_nobody_is_known_to_be_on_the_ground_and_a_new_leader_has_no_
     assert roster.missing_peers() == 0b0101
     assert roster.missing_peers(grounded=0b0001) == 0b0100
     assert not roster.has_quorum(1.0)
-    roster.begin_lead(1.0)  # handed over with
+    roster.note_following(1.0, majority=False)  # handed over with
     assert roster.has_quorum(1.0)
     assert not roster.has_quorum(9.0)
 
@@ -236,7 +236,7 @@ def test_one_branch_that_has_not_agreed_is_enough_to_wait_for() -> None:
 
 def test_those_that_were_launched_come_to_those_that_flew_before() -> None:
     roster = Roster(3, 4)
-    roster.mark_airborne()
+    roster.mark_airborne(takes_off=True)
     roster.mark_launched(0b0001)
     roster.mark_launched(0b11110010)
     assert roster.flown == 0b0111

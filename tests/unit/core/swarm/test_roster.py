@@ -19,7 +19,7 @@ MAJORITY = [beacon(k, present=1 << (k - 1), phase=TRANSIT) for k in (2, 3, 4, 5)
 def roster(*present: int, flown: int, me: int = 1, size: int = 8) -> Roster:
     one = Roster(me, size)
     one.update_flown(beacon(2, flown=flown))
-    one.mark_airborne()
+    one.mark_airborne(takes_off=True)
     one.collect_branches([beacon(k, present=1 << (k - 1), phase=TRANSIT) for k in present], done=True, phase=TRANSIT)
     return one
 
@@ -47,6 +47,47 @@ def test_those_last_heard_on_the_ground_are_not_missed() -> None:
     assert one.has_quorum(20.0, grounded=0b11000)
 
 
+def anew(*present: int, flown: int = 0, size: int = 8) -> Roster:
+    """Vehicle 1's, which was started in the air."""
+    one = Roster(1, size)
+    one.update_flown(beacon(2, flown=flown))
+    one.mark_airborne(takes_off=False)
+    one.collect_branches([beacon(k, present=1 << (k - 1), phase=TRANSIT) for k in present], done=True, phase=TRANSIT)
+    return one
+
+
+def test_who_was_started_in_the_air_makes_no_majority_of_those_that_it_hears() -> None:
+    """Three of ten, whose companions stood still while they were cut off: two leaders decided at once (seed 12043)."""
+    one = anew(2, 3, flown=0b111, size=10)
+    assert not one.has_quorum(10.0)
+    assert not one.may_decide(20.0)
+    assert ids(one.missing_peers()) == [4, 5, 6, 7, 8, 9, 10]
+    assert one.flown == 0b111  # what it does not know it does not tell
+
+
+def test_who_was_started_in_the_air_counts_the_majority_of_the_mission_but_for_the_grounded() -> None:
+    assert anew(2, 3, 4, 5, flown=0b11111).has_quorum(10.0)
+    assert not anew(2, 3, flown=0b111).has_quorum(10.0)
+    assert anew(2, 3, flown=0b111).has_quorum(10.0, grounded=0b11111000)
+    assert not anew(2, 3, 4, 5, flown=0b111).has_quorum(10.0, grounded=0b11000)  # on the ground, they add nothing
+
+
+def test_who_was_started_in_the_air_knows_who_took_off_when_it_follows_the_majority() -> None:
+    one = anew(2, 3, flown=0b111)
+    one.note_following(None, majority=False)
+    assert not one.has_quorum(10.0)
+    one.note_following(None, majority=True)
+    one.mark_airborne(takes_off=False)
+    assert one.has_quorum(11.0)
+    assert not one.missing_peers()
+
+
+def test_who_takes_off_knows_with_whom() -> None:
+    one = anew(2, 3, flown=0b111)
+    one.mark_airborne(takes_off=True)
+    assert one.has_quorum(10.0)
+
+
 def test_branch_that_is_not_heard_for_a_moment_is_not_lost() -> None:
     one = roster(2, 3, 4, 5, flown=0b11111111)
     assert one.has_quorum(10.0)
@@ -61,13 +102,13 @@ def test_new_leader_has_no_majority_before_it_has_counted_one() -> None:
     one.collect_branches(MAJORITY, done=True, phase=TRANSIT)
     assert one.has_quorum(11.0)
     one.collect_branches([], done=False, phase=TRANSIT)
-    one.begin_lead(None)
+    one.note_following(None, majority=False)
     assert not one.has_quorum(11.1)
 
 
 def test_heir_has_the_majority_that_it_was_handed_for_a_moment_to_hear_who_is_there() -> None:
     one = roster(flown=0b11111111)
-    one.begin_lead(10.0)
+    one.note_following(10.0, majority=False)
     assert one.has_quorum(10.1)
     assert not one.may_decide(10.1)  # it guides, and decides nothing
     assert not one.has_quorum(10.0 + QUORUM_LOST_S + 0.1)
@@ -173,7 +214,7 @@ def test_those_that_are_heard_again_in_time_were_never_missed() -> None:
 def test_who_begins_to_lead_doubts_nobody_yet() -> None:
     one = told((2, 0b11111110), (3, 0b100), silent=0b11111000)
     assert not counts(one)
-    one.begin_lead(None)
+    one.note_following(None, majority=False)
     assert not one.missing_peers()
     assert one.has_quorum(20.0)
 
