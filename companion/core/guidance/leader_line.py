@@ -28,6 +28,15 @@ class LeaderLine:
 
     def lead_back(self, now: GuidanceInput, to_goal_ned_m: Vec3) -> Vec3:
         """Towards the line, NED m/s."""
+        return limit(scale(self._off_ned_m(now, to_goal_ned_m), -LINE_GAIN_PER_S), LINE_LIMIT_MPS)
+
+    def lead_to_height(self, now: GuidanceInput, to_goal_ned_m: Vec3) -> Vec3:
+        """To the line's height there alone, NED m/s: of a leader that dodges trunks on its way."""
+        down_mps = -LINE_GAIN_PER_S * self._off_ned_m(now, to_goal_ned_m)[2]
+        return (0.0, 0.0, max(-LINE_LIMIT_MPS, min(LINE_LIMIT_MPS, down_mps)))
+
+    def _off_ned_m(self, now: GuidanceInput, to_goal_ned_m: Vec3) -> Vec3:
+        """The way from the line, square to it; ZERO where it keeps none."""
         here = now.around.own.pos_ned_m
         goal = add(here, to_goal_ned_m)
         if self._line is None or self._line[0] is not now.phase or _is_elsewhere(now, goal, self._line[2]):
@@ -38,8 +47,7 @@ class LeaderLine:
             return ZERO
         unit = scale(way, 1.0 / norm(way))
         off = sub(here, start)
-        across = sub(off, scale(unit, dot(off, unit)))
-        return limit(scale(across, -LINE_GAIN_PER_S), LINE_LIMIT_MPS)
+        return sub(off, scale(unit, dot(off, unit)))
 
 
 def _is_elsewhere(now: GuidanceInput, goal: Vec3, before: Vec3) -> bool:

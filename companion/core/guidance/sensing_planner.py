@@ -13,6 +13,7 @@ from companion.core.guidance import formation
 from companion.core.guidance.course_planner import FREE_BEYOND_M, CoursePlanner
 from companion.core.guidance.dead_end_recovery import DeadEndRecovery
 from companion.core.guidance.guidance_input import GuidanceInput
+from companion.core.guidance.leader_line import LeaderLine
 from companion.core.guidance.local_planner import LocalPlanner, not_against
 from companion.core.guidance.search.detour import Detour
 from companion.core.guidance.search.known_places import KnownPlaces
@@ -63,6 +64,7 @@ class SensingPlanner(LocalPlanner):
         self._courses: Final = CoursePlanner(safety_filter.response)
         self._detour: Final = Detour(FREE_BEYOND_M)
         self._recovery: Final = DeadEndRecovery()
+        self._line: Final = LeaderLine()
         self._planned_for: tuple[float, float] = (0.0, 0.0)  # what is desired, or the way out of a dead end
         self._since_s = PLAN_S
         self._course: tuple[float, float] | None = None
@@ -78,10 +80,12 @@ class SensingPlanner(LocalPlanner):
         self._courses.reset()
         self._detour.reset()
         self._recovery.reset()
+        self._line.reset()
         self._since_s, self._course = PLAN_S, None
 
     def stop_leading(self) -> None:
-        """It keeps no line: dodging leads off it all the time."""
+        """The next lead has a line of its own."""
+        self._line.reset()
 
     def predict_corridors(
         self, peers: PeerTable, pos_ned_m: Vec3, now_s: float, range_m: float
@@ -94,11 +98,12 @@ class SensingPlanner(LocalPlanner):
         return False
 
     def plan_leader(self, now: GuidanceInput, along: Vec3, to_goal_ned_m: Vec3, stop_m: float) -> tuple[Vec3, Vec3]:
-        """Straight on. Followers take the course, not the dodges: each makes its own."""
+        """Straight on, at the height of the line. Followers take the course, not the dodges: each makes its own."""
         self._reach_m = norm(to_goal_ned_m) - stop_m
         others = [*now.around.silent_ned_m, *[vehicle.rel_ned_m for vehicle in now.around.seen if not vehicle.heard]]
         push = formation.separation(now.around.neighbours, others, soft_m=self._soft_m)
-        return along, add(along, not_against(scale(push, LEADER_GIVES), along))
+        desired = add(along, not_against(scale(push, LEADER_GIVES), along))
+        return along, add(desired, self._line.lead_to_height(now, to_goal_ned_m))
 
     def separate(self, now: GuidanceInput, course: Vec3) -> Vec3:
         """From neighbours and vehicles seen; from those that hover as far as that is not against the course.

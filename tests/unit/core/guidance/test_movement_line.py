@@ -56,3 +56,29 @@ def test_way_back_is_limited_and_followers_are_not_told_of_it() -> None:
 def test_heir_flies_its_own_line_from_where_it_takes_over() -> None:
     wanted = Guidance(mission(), 1).find_desired(leading((9.0, 50.0, -8.0)))
     assert wanted[0] == pytest.approx(-9.0 / 80.5 * 3.0, abs=0.05)  # straight at d2, and no further aside
+
+
+@pytest.mark.parametrize("off_m", [0.6, -0.6])
+def test_leader_among_trees_comes_back_to_the_height_of_its_line_alone(off_m: float) -> None:
+    """It held none: climbing by 0.3 m/s that its autopilot did not tell, a swarm came from 4 m to 6.8, into a crown."""
+    movement = Guidance(mission(sensing={}), 1)
+    movement.find_desired(leading((0.0, 0.0, -8.0)))
+    wanted = movement.find_desired(leading((2.0, 50.0, -8.0 + off_m)))
+    assert wanted[2] == pytest.approx(-0.8 * off_m, abs=0.05)
+    assert wanted[0] == pytest.approx(-2.0 / 80.0 * 3.0, abs=0.01)  # straight at d2: dodges lead it off the line
+    assert abs(movement.ref_ned_mps[2]) < 0.05  # followers keep the height of those that they follow
+
+
+def test_leader_among_trees_comes_back_to_its_height_no_faster_than_others_can_follow() -> None:
+    movement = Guidance(mission(sensing={}), 1)
+    movement.find_desired(leading((0.0, 0.0, -8.0)))
+    wanted = movement.find_desired(leading((0.0, 50.0, -3.0)))
+    assert -LINE_LIMIT_MPS - 0.2 <= wanted[2] <= -LINE_LIMIT_MPS
+
+
+def test_leader_among_trees_that_leads_anew_has_another_line() -> None:
+    movement = Guidance(mission(sensing={}), 1)
+    movement.find_desired(leading((0.0, 0.0, -8.0)))
+    movement.reset()
+    wanted = movement.find_desired(leading((0.0, 50.0, -7.0)))
+    assert wanted[2] == pytest.approx(-1.0 / 80.0 * 3.0, abs=0.01)
