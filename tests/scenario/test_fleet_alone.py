@@ -154,6 +154,24 @@ def test_companion_restarted_in_the_air_joins_the_swarm_that_it_hears() -> None:
     swarm.until("COVERAGE", limit_s=60.0)
 
 
+def test_companions_started_again_where_they_are_cut_off_decide_nothing_beside_the_others() -> None:
+    """They know of nobody else that took off, and were a majority of themselves (search, seed 12043)."""
+    swarm = fleet(5)
+    swarm.apart |= {4, 5}
+    for k in (4, 5):
+        restarted = swarm.aircraft[k]
+        restarted.agent = Agent(swarm.mission, k)
+        restarted.mode, restarted.failsafe = FlightMode.HOLD, True
+    both_s = led_s = 0.0
+    for _ in range(round(30.0 / TICK_S)):
+        swarm.tick()
+        deciding = [k for k in swarm.acting() if swarm.aircraft[k].agent.swarm.roster.may_decide(swarm.now_s)]
+        both_s += TICK_S if len(deciding) > 1 else 0.0
+        led_s += TICK_S if {4, 5} & set(swarm.acting()) else 0.0
+    assert led_s > 10.0  # one of them leads the other, and both hold
+    assert both_s == 0.0
+
+
 def test_companion_that_stood_still_while_the_swarm_landed_is_not_left_hovering() -> None:
     swarm = fleet(3, "COVERAGE")
     swarm.hung.add(2)
