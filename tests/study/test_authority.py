@@ -47,6 +47,20 @@ def test_a_leader_decides_and_the_others_follow() -> None:
     assert step(model, LONG_S + 1.1, said(1, COVERAGE), said(1, COVERAGE), said(1, COVERAGE)) == ""
 
 
+def test_one_that_is_started_again_does_not_go_back_from_what_it_said_before() -> None:
+    """It answers a tick before its first beacon: its last one, of COVERAGE, still stood there (search, seed 12034)."""
+    model = under_way()
+    before = said(1, COVERAGE)
+    assert step(model, LONG_S + 1.0, before, said(1), said(1)) == ""
+    told = {1: before, 2: said(1, COVERAGE), 3: said(1, COVERAGE)}
+    assert model.judge_tick(LONG_S + 1.1, told, (2, 3), set()) == ""
+    assert model.judge_tick(LONG_S + 1.7, told, (1, 2, 3), set()) == ""
+    anew = said(0, SwarmPhase.ASSEMBLE, quorum=False)
+    assert model.judge_tick(LONG_S + 1.75, told | {1: anew}, (1, 2, 3), set()) == ""
+    back = model.judge_tick(LONG_S + 1.8, told | {1: anew, 2: said(1, TRANSIT)}, (1, 2, 3), set())
+    assert back == "vehicle 2 goes back from COVERAGE to TRANSIT"
+
+
 @pytest.mark.parametrize("quorum", [True, False])
 def test_two_that_lead_the_majority_for_long_decide_at_once(quorum: bool) -> None:
     model = under_way()

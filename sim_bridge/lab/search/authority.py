@@ -36,6 +36,7 @@ class Authority:
         self._told: dict[int, tuple[SwarmPhase, int]] = {}  # by vehicle: phase and stop
         self._first_s: dict[Progress, tuple[float, int]] = {}  # by phase: when it was told first, and by whom
         self._leads_s: dict[int, float] = {}  # by vehicle: since when it says that it leads the majority
+        self._left: dict[int, WireBeacon] = {}  # by vehicle: what it had said last when it ceased to answer
         self._has_flown = False
 
     def deciding(self, now_s: float) -> list[int]:
@@ -44,10 +45,13 @@ class Authority:
 
     def judge_tick(self, now_s: float, said: Mapping[int, WireBeacon], answered: Iterable[int], liars: set[int]) -> str:
         """One tick: the last beacon of each, and whose companions have answered in it."""
-        there = set(answered) & said.keys()
+        answers = set(answered)
+        # One that is started again says nothing in its first ticks: what it said in its life before is not its word now
+        there = {k for k in answers & said.keys() if self._left.get(k) != said[k]}
         for gone in self._told.keys() - there:  # stalled, or started again: it may know nothing
             del self._told[gone]
             self._leads_s.pop(gone, None)
+        self._left = {k: beacon for k, beacon in said.items() if k not in answers or self._left.get(k) == beacon}
         self._has_flown |= any(said[k].flags & AIRBORNE for k in there)
         broken = [self._read_beacon(k, said[k], now_s, is_judged=k not in liars) for k in sorted(there)]
         deciding = [k for k in self.deciding(now_s) if k not in liars]
