@@ -120,7 +120,7 @@ class GnssDeniedLocaliser(Localiser):
             self.ranging.receive_ranges(event.ranges, now_s)
         elif isinstance(event, TrunkReport):
             if self.trunks is not None:
-                self.ranging.filter.note_trunks(event.sender, now_s)
+                self._note_corrected(event.sender, now_s)
                 self.trunks.receive_report(event, self.ranging, now_s)
         else:
             waiting = self._reports.setdefault(event.sender, [])
@@ -135,8 +135,13 @@ class GnssDeniedLocaliser(Localiser):
         """To be told, and to be compared with what others tell; while there are some the odometer drifts less."""
         self.global_localisation.note_trunks(now_s)
         if self.trunks is not None:
-            self.ranging.filter.note_trunks(None, now_s)
+            self._note_corrected(None, now_s)
             self.trunks.note_trunks(seen, self.ranging.odo_ne_m, now_s)
+
+    def _note_corrected(self, vehicle: int | None, now_s: float) -> None:
+        """Trunks correct the odometer of that one; None: its own. Without radios no range shows how well: not then."""
+        if self.ranging.has_radio:
+            self.ranging.filter.note_trunks(vehicle, now_s)
 
     def update_landed_state(self, landed: LandedState, *, waits: bool) -> None:
         """For the start-placement check, and whether it is at its start at all."""

@@ -125,3 +125,13 @@ def test_own_trunks_and_those_that_a_neighbour_tells_say_whose_odometer_is_corre
     localiser.receive_ranging(TrunkReport(2, 5000, (0.0, 0.0), ((1.0, 2.0, 0.3),)), 5.0)
     assert found._me.trunks_s == found._of[2].trunks_s == 5.0
     assert found._of[3].trunks_s == -math.inf
+
+
+def test_without_range_radios_no_odometer_is_believed_as_corrected() -> None:
+    """No range shows how well trunks correct it (docs/decisions/trunks-alone.md)."""
+    localiser = GnssDeniedLocaliser(ranging_mission(sensing=RAW, ranging={"radio": False}), 1)
+    localiser.note_trunks(SolitaryTrunks([], (0.0, 0.0), (0.0, 0.0, 0.0)), 5.0)
+    localiser.receive_ranging(TrunkReport(2, 5000, (0.0, 0.0), ((1.0, 2.0, 0.3),)), 5.0)
+    found = localiser.ranging.filter
+    assert found._errors == Errors()
+    assert found._me.trunks_s == found._of[2].trunks_s == -math.inf
