@@ -207,7 +207,7 @@ def test_ranges_round_trunks_hardly_pull() -> None:
     flight.late_m = lambda: flight.rng.uniform(0.3, 1.2) if flight.rng.random() < 0.15 else 0.0
     flight.fly(60.0)
     assert flight.worst_m() < 0.45
-    assert flight.filter.dropped > 0
+    assert flight.filter.gate.dropped > 0
 
 
 def test_a_neighbour_that_is_somewhere_else_is_found_again() -> None:
@@ -284,14 +284,14 @@ def test_one_that_is_not_heard_pulls_nobody_along_and_is_where_it_says_as_soon_a
 def test_impossible_ranges_change_nothing(metres: float) -> None:
     flight = Flight(rigid)
     flight.fly(2.0)
-    before = (flight.filter.relative(2), flight.filter.used, flight.filter.dropped)
+    before = (flight.filter.relative(2), flight.filter.gate.used, flight.filter.gate.dropped)
     for _ in range(5):
         flight.filter.update_range(None, 2, metres, 0.0, flight.now_s - DT_S)
         flight.filter.update_range(3, 2, 10.0, math.nan, flight.now_s - DT_S)
         flight.filter.update_range(2, 2, 10.0, 0.0, flight.now_s - DT_S)
         flight.filter.update_range(77, 2, 10.0, 0.0, flight.now_s - DT_S)
         flight.filter.update_range(None, 77, 10.0, 0.0, flight.now_s - DT_S)
-    after = (flight.filter.relative(2), flight.filter.used, flight.filter.dropped)
+    after = (flight.filter.relative(2), flight.filter.gate.used, flight.filter.gate.dropped)
     assert after == before
 
 
