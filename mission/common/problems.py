@@ -43,7 +43,10 @@ class MissionError(Exception):
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems: tuple[Problem, ...] = tuple(problems)
-        super().__init__("\n".join(map(str, self.problems)))
+        super().__init__(self.problems)  # what it is made of: so it comes out of another process as it went in
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self.problems))
 
 
 def first_of(found: Sequence[Problem], place: str) -> list[Problem]:

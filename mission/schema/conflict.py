@@ -35,7 +35,10 @@ class ConflictError(ValueError):
 
     def __init__(self, conflicts: tuple[Conflict, ...]) -> None:
         self.conflicts = conflicts
-        super().__init__("; ".join(map(str, conflicts)))
+        super().__init__(conflicts)  # what it is made of: so it comes out of another process as it went in
+
+    def __str__(self) -> str:
+        return "; ".join(map(str, self.conflicts))
 
 
 def path_of(key: str) -> Path:
