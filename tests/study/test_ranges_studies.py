@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import mission
+from mission.document.load import load_mission
+from mission.document.model import Mission
 from sim_bridge.lab.study.case import Backend
+from sim_bridge.lab.study.forest.flight import alone
 from sim_bridge.lab.study.load import load_study
 
-STUDIES = sorted((Path(mission.__file__).parent / "studies").glob("ranges_*.toml"))
+FOLDER = Path(mission.__file__).parent / "studies"
+STUDIES = sorted(FOLDER.glob("ranges_*.toml"))
+RAW = {"sensor": "scan-0.5deg", "range_m": 20.0}
 
 
 @pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
@@ -34,3 +40,21 @@ def test_two_hundred_flights_of_a_vehicle_are_asked_for() -> None:
                 flights[case.mission.swarm.size] += case.mission.swarm.size
     assert sum(flights.values()) >= 200
     assert min(flights.values()) > 0
+
+
+@pytest.mark.parametrize(
+    ("swarm", "tables"),
+    [
+        ({}, {"ranging": {"radio": False}, "sensing": RAW}),
+        ({"leader_priority": [3, 1]}, {}),
+        ({"gnss": [2, 3], "leader_priority": [2]}, {}),
+        ({}, {"sim": {"satellites": {"crowns": "shade"}}}),
+    ],
+)
+def test_the_one_alone_that_times_are_held_against_needs_no_others(swarm: Any, tables: dict[str, Any]) -> None:
+    by_ranges = load_mission(FOLDER / "by_ranges.toml").model_dump(by_alias=True)
+    for table, keys in {"swarm": swarm, **tables}.items():
+        by_ranges[table] |= keys
+    one = alone(Mission.model_validate(by_ranges))
+    assert (one.swarm.size, one.flies_by_ranges, one.ranging) == (1, False, None)
+    assert one.route == load_mission(FOLDER / "by_ranges.toml").route

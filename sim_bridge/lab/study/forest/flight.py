@@ -23,7 +23,7 @@ from companion.core.model.vectors import ZERO
 from companion.core.swarm.phases import GATHER_LIMIT_S
 from mission.common.forming import GAP_WINDOW_S
 from mission.common.frames import Vec3, enu_to_ned, ned_to_enu
-from mission.document.model import CoverageShape, Estimates, Forest, Mission
+from mission.document.model import CoverageShape, Estimates, Forest, Gnss, Mission, SatelliteErrors
 from mission.stand.stand import Stand, stand_of
 from sim_bridge.judge.metrics import ideal_among_trees_deg, ring_gap_deg
 from sim_bridge.lab.study.forest.air import MODELS, Air, trunks_between
@@ -259,7 +259,7 @@ def _alone_s(mission_json: str, law: str, params: BaseModel) -> float:
 
 
 def alone(mission: Mission) -> Mission:
-    """One vehicle on the same route: no trees, nothing that goes wrong."""
+    """One vehicle on the same route: no trees, nothing that goes wrong, satellites, and no others to range or name."""
     calm = {"wind_mps": (0.0, 0.0, 0.0), "turbulence_mps": 0.0, "radio_loss": 0.0, "faults": ()}
     exact = {
         "estimates": Estimates.EXACT,
@@ -267,6 +267,10 @@ def alone(mission: Mission) -> Mission:
         "velocity_noise_mps": None,
         "estimate_delay_s": 0.0,
     }
-    sim = mission.sim.model_copy(update={**calm, **exact, "velocity_bias_mps": None, "climb_bias_mps": None, "seed": 1})
-    coverage = mission.coverage.model_copy(update={"duration_s": 0.0})
-    return mission.model_copy(update={"sim": sim, "forest": Forest(), "coverage": coverage}).with_size(1)
+    clear = {"satellites": SatelliteErrors(), "velocity_bias_mps": None, "climb_bias_mps": None, "seed": 1}
+    changed = {
+        "sim": mission.sim.model_copy(update={**calm, **exact, **clear}),
+        "swarm": mission.swarm.model_copy(update={"gnss": Gnss.ALL, "leader_priority": ()}),
+        "coverage": mission.coverage.model_copy(update={"duration_s": 0.0}),
+    }
+    return mission.model_copy(update={**changed, "forest": Forest(), "ranging": None}).with_size(1)
