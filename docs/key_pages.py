@@ -27,7 +27,8 @@ Each key by itself may be good and the whole still not fly. Refused as well:
 
 - the order of distances: `separation.hard_m` < `separation.soft_m` < `radio.transit_range_m` ≤ `radio.full_range_m`;
 - what ranges must reach: 1.5 × `separation.soft_m` ≤ `ranging.reach_m`;
-- `ranging.radio = false` needs vehicles without GNSS (`swarm.gnss`) and a `sensing.sensor` that tells raw scans;
+- `ranging.radio = false` needs vehicles without GNSS (`swarm.gnss`) and a `sensing.sensor` that tells raw scans, but
+  in a swarm of one;
 - the order about d2: `coverage.keep_out_m` < `route.arrival_distance_m` < `coverage.radius_m`;
 - `route.arrival_distance_m` must be less than the way from d1 to d2;
 - `route.vel_leader_mps` must be at most `limits.speed_max_mps`, and must not make the leader climb or descend faster

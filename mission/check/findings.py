@@ -33,6 +33,7 @@ from mission.rules.rise_rules import upward_view
 from mission.rules.survey_rules import cut_distances_m
 from mission.schema.check import validated
 from mission.schema.forest import M2_PER_HA
+from mission.schema.kinds import RAW_LIDARS
 from mission.schema.sim import OdometryErrors, RangingErrors, Sky
 from mission.schema.tables import Ranging, Sensing, Survey, Swarm
 
@@ -42,6 +43,8 @@ if TYPE_CHECKING:
 # By trunks alone, flown: none of two swarms left their start by lidars of 12 m; at 50 trees/ha one of three did
 ALONE_RANGE_M = 16.0
 ALONE_DENSITY_PER_HA = 100.0
+ALONE_TREES = 6  # that two must have in common to be aligned
+HALF_TURN_DEG = 180.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +77,8 @@ def check_document(document: Document, path: str | os.PathLike[str], read: ReadS
     notes = [
         *find_short_batteries(mission),
         *_idle(mission),
-        *_trunks_alone(mission),
+        *_trunks_alone(mission, stand),
+        *_sensing(mission),
         *_layers(mission),
         *_survey(mission),
         *_payload(mission),
@@ -97,13 +101,15 @@ def _idle(mission: Mission) -> Iterator[str]:
         "swarm.position_uncertain": swarm.position_uncertain is not Swarm().position_uncertain,
         "[sim.ranging]": sim.ranging != RangingErrors() and mission.ranging is None,
         "[sim.odometry]": sim.odometry != OdometryErrors(),
+        "[ranging]": mission.ranging is not None and swarm.size == 1,
     }
     idle = [key for key, is_said in said.items() if is_said]
     if idle:
-        yield f"all have GNSS (swarm.gnss): nothing comes of {', '.join(idle)}"
+        why = "all have GNSS (swarm.gnss)" if swarm.size > 1 else "a swarm of one has GNSS, and no others to find"
+        yield f"{why}: nothing comes of {', '.join(idle)}"
 
 
-def _trunks_alone(mission: Mission) -> Iterator[str]:
+def _trunks_alone(mission: Mission, stand: Stand | None) -> Iterator[str]:
     """Notes what comes of nothing without range radios, and where trunks may be too few to leave the start by."""
     ranging, sensing = mission.ranging, mission.sensing
     if not mission.flies_by_ranges or ranging is None or ranging.radio or sensing is None:
@@ -116,17 +122,42 @@ def _trunks_alone(mission: Mission) -> Iterator[str]:
     idle = [key for key, is_said in said.items() if is_said]
     if idle:
         yield f"no range radios (ranging.radio): nothing comes of {', '.join(idle)}"
-    stand = mission.forest.stand
+    trees = mission.forest.trees if stand is None else stand.trees
+    if len(trees) < ALONE_TREES and (stand is not None or mission.forest.file is None):
+        grown = f"{len(trees) or 'no'} tree{'s' * (len(trees) != 1)}"
+        yield (
+            f"by trunks alone: simulated vehicles do not set out, as [forest] has {grown}: two must have {ALONE_TREES} "
+            "in common"
+        )
+    spec = mission.forest.stand
     few = [
         *([f"sensing.range_m = {sensing.range_m:g}"] if sensing.range_m < ALONE_RANGE_M else []),
         *(
-            [f"forest.stand.density_per_ha = {stand.density_per_ha:g}"]
-            if stand is not None and stand.density_per_ha < ALONE_DENSITY_PER_HA
+            [f"forest.stand.density_per_ha = {spec.density_per_ha:g}"]
+            if spec is not None and spec.density_per_ha < ALONE_DENSITY_PER_HA
             else []
         ),
     ]
     if few:
         yield f"by trunks alone: with {' and '.join(few)} vehicles may see too few of the same trunks to set out"
+
+
+def _sensing(mission: Mission) -> Iterator[str]:
+    """Notes a view that is too narrow for the own motion, and vehicles whose autopilots are told of none."""
+    sensing = mission.sensing
+    if sensing is None:
+        return
+    if sensing.sensor in RAW_LIDARS and sensing.field_of_view_deg < HALF_TURN_DEG:
+        yield (
+            f"sensing.field_of_view_deg = {sensing.field_of_view_deg:g}: a raw lidar that sees less than half a turn "
+            "corrects the own motion by few trunks, or by none"
+        )
+    without = len(mission.without_satellites)
+    if sensing.sends_odometry and without:
+        yield (
+            f"nothing comes of sensing.sends_odometry on {without} of {mission.swarm.size} vehicles: they have no GNSS "
+            "(swarm.gnss)"
+        )
 
 
 def _sensors(mission: Mission) -> Iterator[str]:

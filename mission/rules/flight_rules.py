@@ -234,14 +234,19 @@ def _fault_needs(mission: MissionTables, fault: Fault, path: Path) -> Iterator[C
         yield Conflict(((*path, "kind"), where), shown(fault.kind.value), need.value)
     if fault.lie is Lie.TRUNKS and not mission.shares_trunks:
         message = (
-            f"needs [ranging], vehicles without satellites ({show_key(mission, 'swarm.gnss')}),"
+            f"needs [ranging], vehicles without satellites ({_who_has_satellites(mission)}),"
             " and a sensing.sensor that tells every ray"
         )
         about = ((*path, "lie"), ("swarm", "gnss"), ("ranging",), ("sensing", "sensor"))
         yield Conflict(about, shown(fault.lie.value), message)
     if fault.lie is Lie.RANGES and not mission.flies_by_ranges:
-        message = f"needs [ranging], and vehicles without satellites ({show_key(mission, 'swarm.gnss')})"
+        message = f"needs [ranging], and vehicles without satellites ({_who_has_satellites(mission)})"
         yield Conflict(((*path, "lie"), ("swarm", "gnss"), ("ranging",)), shown(fault.lie.value), message)
+
+
+def _who_has_satellites(mission: MissionTables) -> str:
+    """In a swarm of one all have them where the leader has."""
+    return ", ".join(show_key(mission, key) for key in ("swarm.gnss", "swarm.size"))
 
 
 def _coverage_spacing(mission: MissionTables) -> Iterator[Conflict]:

@@ -32,13 +32,17 @@ def conflicts(mission: MissionTables) -> Iterator[Conflict]:
     if not mission.flies_by_ranges:
         if mission.sim.satellites.crowns is Sky.SHADE:
             must = "must be clear: a swarm of which all have GNSS has nothing else to fly by"
-            yield conflict(mission, ("sim.satellites.crowns", "swarm.gnss"), must)
+            yield conflict(mission, ("sim.satellites.crowns", "swarm.gnss", "swarm.size"), must)
         return
     if len(mission.swarm.leader_priority) > PRIORITIES_MAX:
         must = f"must be at most {PRIORITIES_MAX} ids where not all have GNSS"
         yield conflict(mission, ("swarm.leader_priority", "swarm.gnss"), must)
     if mission.ranging is None:
-        yield conflict(mission, ("swarm.gnss",), "needs [ranging]: not all have satellite positions")
+        must = (
+            "needs [ranging], for where each stands at the start: without satellite positions vehicles find one "
+            "another by range radios, or by trunks alone (radio = false)"
+        )
+        yield conflict(mission, ("swarm.gnss",), must)
     else:
         yield from _ranging(mission, mission.ranging)
 
@@ -63,6 +67,8 @@ def _ranging(mission: MissionTables, ranging: Ranging) -> Iterator[Conflict]:
 
 
 def _no_radio(mission: MissionTables) -> Iterator[Conflict]:
+    if mission.swarm.size == 1:
+        return  # it has nobody to find, by whatever
     if not mission.flies_by_ranges:
         must = "must be true where all have GNSS: without range radios leave [ranging] out there"
         yield conflict(mission, ("ranging.radio", "swarm.gnss"), must)

@@ -38,6 +38,7 @@ VEHICLE_RADIUS_M = 0.35  # half the 0.70 m from propeller tip to propeller tip a
 MAX_STOPS = 20
 MAX_LANES = 15  # each is two visits, and their number takes five bits of a beacon
 FENCE_SLACK_M = 5.0  # overshoot and gusts, and room to brake before the fence
+STALE_MAX_S = 4.0  # what no scan has hit for so long is forgotten: beyond, trunks would count as free
 BEACON_RATES_HZ = (1.0, 2.0, 4.0, 5.0, 10.0, 20.0)  # whole numbers of 20 Hz control ticks
 
 
@@ -427,7 +428,13 @@ class Sensing(Table):
         Number, Field(ge=0.0, le=10.0, description="What is kept beyond vehicle_radius_m from all that was seen.")
     ] = 0.3
     stale_s: Annotated[
-        Number, Field(gt=0.0, le=5.0, description="A vehicle whose last scan is older brakes and holds.")
+        Number,
+        Field(
+            gt=0.0,
+            le=STALE_MAX_S,
+            description="A vehicle whose last scan is older brakes and holds. What no scan has hit for 4 s is "
+            "forgotten.",
+        ),
     ] = 0.3
     sensor: Annotated[
         SensorClass,

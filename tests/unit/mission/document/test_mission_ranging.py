@@ -8,7 +8,9 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from companion.core.perception.landmarks import constellation
 from companion.sensors.table import kinds_of
+from mission.check.findings import ALONE_TREES
 from mission.cli import check
 from mission.common.problems import MissionError
 from mission.document import simulator
@@ -58,7 +60,8 @@ def test_ids_name_those_that_have_satellites() -> None:
     ("gnss", "others", "said"),
     [
         ("leader", RANGING, 'swarm.gnss = "leader": needs the leader that has GNSS'),
-        ("leader", {"priority": (1,)}, "needs [ranging]"),
+        ("leader", {"priority": (1,)}, "needs [ranging], for where each stands at the start"),
+        ("leader", {"priority": (1,)}, "by range radios, or by trunks alone (radio = false)"),
         ((), RANGING, "needs one vehicle at least"),
         ((1, 7), RANGING, "must name vehicles of the swarm (swarm.size = 4)"),
         ((1,), {"size": 5, **RANGING}, "swarm.size = 5: ranging.start_enu_m has 4 positions"),
@@ -81,6 +84,11 @@ def test_ids_name_those_that_have_satellites() -> None:
             "all",
             {"sim": {"satellites": {"crowns": "shade"}}},
             'sim.satellites.crowns = "shade": must be clear: a swarm of which all',
+        ),
+        (
+            "leader",
+            {"priority": (1,), "size": 1, "sim": {"satellites": {"crowns": "shade"}}},
+            'has nothing else to fly by (swarm.gnss = "leader", swarm.size = 1)',
         ),
         (
             (1,),
@@ -127,6 +135,25 @@ def test_without_range_radios_vehicles_fly_by_trunks() -> None:
 )
 def test_what_flies_without_range_radios_needs_trunks(gnss: Any, others: Any, said: str) -> None:
     assert said in refusal(gnss, **others)
+
+
+@pytest.mark.parametrize("gnss", ["all", "leader"])
+@pytest.mark.parametrize("radio", [True, False])
+def test_a_swarm_of_one_has_nobody_to_find_whatever_its_others_would_find_it_by(
+    gnss: str, radio: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ranging = {"start_enu_m": STARTS, "radio": radio}
+    one = flown(gnss, priority=(1,), size=1, ranging=ranging)
+    assert not one.flies_by_ranges
+    assert range_radios_of(one, Stand(), (1,)) is None or radio
+    file = tmp_path / "one.toml"
+    file.write_text(dump_mission(one))
+    assert check.run([str(file)], as_json=False) == 0
+    assert "a swarm of one has GNSS, and no others to find: nothing comes of [ranging]" in capsys.readouterr().out
+
+
+def test_by_trunks_alone_one_of_the_swarm_flies_by_itself() -> None:
+    assert not flown("leader", priority=(1,), **NO_RADIO, **RAW).with_size(1).flies_by_ranges
 
 
 def test_no_range_radio_is_asked_for_nor_simulated() -> None:
@@ -235,3 +262,32 @@ def test_check_says_what_trunks_alone_may_lack(
     assert said in told
     assert ("trunks alone" in told) is said.startswith("with")
     assert ("no range radios" in told) is said.startswith("no range")
+
+
+@pytest.mark.parametrize(
+    ("trees", "said"), [(0, "[forest] has no trees"), (1, "[forest] has 1 tree:"), (5, "has 5 trees"), (6, "")]
+)
+def test_check_says_that_by_so_few_trunks_alone_nobody_sets_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], trees: int, said: str
+) -> None:
+    assert ALONE_TREES == constellation.LEAST
+    file = tmp_path / "alone.toml"
+    mission = ranging_mission(
+        ranging={"start_enu_m": STARTS, "radio": False},
+        sensing={"sensor": "scan-0.5deg", "range_m": 20.0},
+        forest={"trees": [{"base_enu_m": (60, 5 * k), "trunk_radius_m": 0.3, "height_m": 20} for k in range(trees)]},
+    )
+    file.write_text(dump_mission(mission))
+    assert check.run([str(file)], as_json=False) == 0
+    told = capsys.readouterr().out
+    assert said in told
+    assert ("do not set out" in told) is bool(said)
+
+
+def test_check_says_whose_autopilots_are_told_no_odometry(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, said = tmp_path / "odometry.toml", "nothing comes of sensing.sends_odometry on 3 of 4 vehicles"
+    for gnss, is_told in (("leader", True), ("all", False)):
+        swarm = {"size": 4, "gnss": gnss, "leader_priority": (1,)}
+        file.write_text(dump_mission(ranging_mission(swarm=swarm, sensing={"sends_odometry": True})))
+        assert check.run([str(file)], as_json=False) == 0
+        assert (said in capsys.readouterr().out) is is_told

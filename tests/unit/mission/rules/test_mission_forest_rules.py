@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from companion.core.perception import obstacle_map
 from companion.core.safety import clearance
 from mission.document.model import Mission, RadioTrunks
 from mission.rules import flight_rules
@@ -67,6 +68,11 @@ def test_a_mission_has_neither_sensors_nor_a_stand_unless_it_says_so() -> None:
             {"sensing": {"rate_hz": 5, "stale_s": 0.4}},
             {"sensing": {"rate_hz": 5}},
             "sensing.stale_s = 0.3: must be at least 0.4 s, two scans",
+        ),
+        (
+            {"sensing": {"stale_s": obstacle_map.MEMORY_S}},  # beyond, what is forgotten would count as free
+            {"sensing": {"stale_s": 4.01}},
+            "sensing.stale_s\n  Input should be less than or equal to 4",
         ),
         (
             {"sim": {"lidar": {"delay_s": 0.29}}},

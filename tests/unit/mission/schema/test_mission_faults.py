@@ -100,12 +100,14 @@ def test_a_fault_loads_and_its_dump_loads_back_equal(table: str) -> None:
         (
             'kind = "insider"\nat_s = 1\nlie = "ranges"',
             13,
-            'sim.faults[0].lie = "ranges": needs [ranging], and vehicles without satellites (swarm.gnss = "all")',
+            'sim.faults[0].lie = "ranges": needs [ranging], and vehicles without satellites (swarm.gnss = "all",'
+            " swarm.size = 4)",
         ),
         (
             'kind = "insider"\nat_s = 1\nlie = "trunks"',
             13,
-            'sim.faults[0].lie = "trunks": needs [ranging], vehicles without satellites (swarm.gnss = "all"),'
+            'sim.faults[0].lie = "trunks": needs [ranging], vehicles without satellites (swarm.gnss = "all",'
+            " swarm.size = 4),"
             " and a sensing.sensor that tells every ray",
         ),
         ('kind = "position-jump"\nat_s = 1', 10, "sim.faults[0] = a table: position-jump: needs jump_m"),
