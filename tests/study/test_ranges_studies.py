@@ -32,6 +32,28 @@ def test_all_fly_by_ranges_on_seeds_of_reports_and_none_may_touch_anything(path:
         assert run.must["min_separation_m"]["worst"] >= 4.5
 
 
+def test_trunks_alone_are_flown_without_a_range_radio_by_the_lidars_that_see_enough_of_them() -> None:
+    loaded = load_study(FOLDER / "trunks_alone.toml")
+    for case in loaded.cases:
+        flown = case.mission
+        assert flown.flies_by_ranges
+        assert not flown.has_range_radios
+        assert flown.sensing is not None
+        assert (flown.sensing.sensor, flown.sensing.range_m) == ("scan-0.5deg", 20.0)
+        assert (flown.sim.estimates, case.backend) == ("recorded", Backend.JSBSIM)
+        assert flown.sim.seed >= 2000
+    assert {
+        (case.n, case.mission.forest.stand and case.mission.forest.stand.density_per_ha) for case in loaded.cases
+    } == {
+        (4, 200.0),
+        (4, 400.0),
+        (8, 200.0),
+        (8, 400.0),
+    }
+    (run,) = loaded.study.run
+    assert run.must == {"contacts": {"worst": 0}, "relative_error_m": {"mean": 0.25}}
+
+
 def test_two_hundred_flights_of_a_vehicle_are_asked_for() -> None:
     flights = dict.fromkeys((4, 8, 12), 0)
     for path in STUDIES:
