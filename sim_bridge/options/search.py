@@ -24,7 +24,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="LAW",
         help="law in place of ours, as for fly: a .py file, the name of an installed one",
     )
-    parser.add_argument("--seed", type=_seed, default=1, metavar="S", help="of the first flight; the others follow (1)")
+    parser.add_argument(
+        "--seed", type=as_seed, default=1, metavar="S", help="of the first flight; the others follow (1)"
+    )
     parser.add_argument(
         "--attackers",
         type=_share,
@@ -35,7 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="folder of the rows; what is there already is not flown again"
     )
-    parser.add_argument("--shrink", type=_count, default=0, metavar="K", help="make K failing missions smaller (0)")
+    parser.add_argument("--shrink", type=as_count, default=0, metavar="K", help="make K failing missions smaller (0)")
     parser.add_argument("--workers", type=positive, metavar="N", help="processes (default: as many as processors)")
     parser.add_argument(
         "--scheduler", type=scheduler, metavar="ADDRESS", help="fly on the Dask cluster of this scheduler instead"
@@ -63,13 +65,15 @@ def _share(text: str) -> float:
     return share
 
 
-def _seed(text: str) -> int:
+def as_seed(text: str) -> int:
+    """A seed. ArgumentTypeError."""
     if not text.isdigit() or not 0 <= int(text) <= 2**32 - 1:
         raise argparse.ArgumentTypeError(f"{text!r}: must be a whole number from 0 to {2**32 - 1}")
     return int(text)
 
 
-def _count(text: str) -> int:
+def as_count(text: str) -> int:
+    """A whole number, 0 among them. ArgumentTypeError."""
     if not text.isdigit():
         raise argparse.ArgumentTypeError(f"{text!r}: must be a whole number")
     return int(text)

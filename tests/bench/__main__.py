@@ -61,6 +61,7 @@ from tests.bench.election import Course, Lied, all_lied, courses
 from tests.bench.flights import SEEDS, leader_killed, lone_tree, paper, quick_start
 from tests.bench.live import live
 from tests.bench.live_map import live_map
+from tests.bench.options import number
 from tests.bench.other_simulators import other_simulators
 from tests.bench.page import TABLE_HEAD, section, with_section
 from tests.bench.planted_defects import planted_defects
@@ -122,7 +123,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--beside", type=Path, metavar="PATH", help="of speed: another checkout flies in turn with this"
     )
-    parser.add_argument("--minutes", type=float, default=10.0, metavar="M", help="of setpoint-gaps (10)")
+    parser.add_argument("--minutes", type=number(0.1, 600.0), default=10.0, metavar="M", help="of setpoint-gaps (10)")
     hard = parser.add_argument_group("robustness")
     hard.add_argument(
         "--only", action="append", default=[], choices=ROBUSTNESS, metavar="KIND", help=f"of {', '.join(ROBUSTNESS)}"

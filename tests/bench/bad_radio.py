@@ -29,8 +29,10 @@ from mission.document.model import Mission
 from mission.schema.check import validated
 from sim_bridge.drive import fly
 from sim_bridge.judge.progress import Progress
+from sim_bridge.options.search import as_seed
 from sim_bridge.options.study import positive
 from sim_bridge.world.world import DEFAULT_ORIGIN
+from tests.bench.options import ESTIMATES, SENSORS, as_loss
 from tests.bench.table import spread
 
 EXAMPLES = Path(mission.__file__).parent / "examples"
@@ -146,10 +148,12 @@ def main(argv: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.bench bad-radio", description=__doc__)
     parser.add_argument("kind", choices=KINDS)
     parser.add_argument("--flights", type=positive, default=20, metavar="N", help="(20)")
-    parser.add_argument("--first-seed", type=int, default=3000, metavar="S", help="(3000)")
-    parser.add_argument("--loss", type=float, default=LOSS, metavar="SHARE", help=f"of beacons, not of open ({LOSS})")
-    parser.add_argument("--estimates", default="exact", metavar="KIND", help="sim.estimates (exact)")
-    parser.add_argument("--sensor", default=SECTORS, metavar="CLASS", help=f"not in the open ({SECTORS})")
+    parser.add_argument("--first-seed", type=as_seed, default=3000, metavar="S", help="(3000)")
+    parser.add_argument("--loss", type=as_loss, default=LOSS, metavar="SHARE", help=f"of beacons, not of open ({LOSS})")
+    parser.add_argument("--estimates", choices=ESTIMATES, default="exact", metavar="KIND", help="sim.estimates (exact)")
+    parser.add_argument(
+        "--sensor", choices=SENSORS, default=SECTORS, metavar="CLASS", help=f"not in the open ({SECTORS})"
+    )
     parser.add_argument("--jobs", type=positive, default=2, metavar="N", help="flights at once (2)")
     args = parser.parse_args(argv)
     course = Course(args.kind, args.loss, args.estimates, args.sensor)

@@ -36,10 +36,12 @@ from sim_bridge.drive.lockstep.fleet_keys import FleetKeys
 from sim_bridge.drive.lockstep.lockstep import InProcess
 from sim_bridge.judge.progress import Progress
 from sim_bridge.lab.search.draw import draw
+from sim_bridge.options.search import as_count, as_seed
 from sim_bridge.options.study import positive
 from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.autopilot import Link
 from sim_bridge.world.world import World
+from tests.bench.options import number
 from tests.bench.table import spread
 from tests.flights import point_masses, short_mission
 
@@ -204,10 +206,12 @@ def cost_row(size: int) -> str:
 def main(argv: Sequence[str]) -> int:
     """Prints a row for each flight, then the sums; exit code 1: a box was not the same."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench black-box", description=__doc__)
-    parser.add_argument("--flights", type=int, default=100, metavar="N", help="0: the cost alone (100)")
-    parser.add_argument("--first-seed", type=int, default=7000, metavar="S", help="(7000)")
+    parser.add_argument("--flights", type=as_count, default=100, metavar="N", help="0: the cost alone (100)")
+    parser.add_argument("--first-seed", type=as_seed, default=7000, metavar="S", help="(7000)")
     parser.add_argument("--jobs", type=positive, default=2, metavar="N", help="flights at once (2)")
-    parser.add_argument("--seconds", type=float, default=45.0, metavar="S", help="of each flight at most (45)")
+    parser.add_argument(
+        "--seconds", type=number(1.0, 3600.0), default=45.0, metavar="S", help="of each flight at most (45)"
+    )
     parser.add_argument("--raw", action="store_true", help="missions with raw lidars, too")
     args = parser.parse_args(argv)
     print(f"{STATE}\n\n| vehicles | tick | with a black box | ratio | of 50 ms | log of one vehicle |")

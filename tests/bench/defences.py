@@ -25,6 +25,7 @@ from sim_bridge.drive.fly import Flight
 from sim_bridge.drive.lockstep.lockstep import InProcess
 from sim_bridge.lab.search.draw import VERSION, draw
 from sim_bridge.lab.study.backends.agents import fly_stack
+from sim_bridge.options.search import as_seed
 from sim_bridge.options.study import positive
 
 NUMBER = re.compile(r"(?<![a-z])\d+(\.\d+)?(, \d+)*")  # not d1
@@ -130,7 +131,9 @@ def main(argv: Sequence[str]) -> int:
     """Prints a line for each flight, then one for each event."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench defences", description=__doc__)
     parser.add_argument("--flights", type=positive, default=150, metavar="N", help="(150)")
-    parser.add_argument("--seed", type=int, default=36000, metavar="S", help="of the first; the others follow (36000)")
+    parser.add_argument(
+        "--seed", type=as_seed, default=36000, metavar="S", help="of the first; the others follow (36000)"
+    )
     parser.add_argument("--backend", choices=("jsbsim", "point-mass"), default="point-mass", help="(point-mass)")
     parser.add_argument("--jobs", type=positive, default=2, metavar="N", help="flights at once (2)")
     parser.add_argument("--write", type=Path, metavar="FILE", help="write the counts there, as JSON")

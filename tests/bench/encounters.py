@@ -31,11 +31,13 @@ from mission.schema.trees import StandTree
 from mission.stand.stand import Stand, stand_of
 from sim_bridge.judge.metrics import CONTACT_M
 from sim_bridge.lab.plot_style import ALARM, FAINT, RC, colours
+from sim_bridge.options.search import as_seed
 from sim_bridge.options.study import positive
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.sensors.lidar import Lidar
 from sim_bridge.world.sensors.raw_lidar import RawLidar
 from sim_bridge.world.sensors.scene import Scene
+from tests.bench.options import as_density, number
 from tests.bench.own_motion import LATE_S, TICK_S, mission_of, scan_events
 from tests.bench.table import spread
 
@@ -196,9 +198,11 @@ def main(argv: Sequence[str]) -> int:
     """Prints a row for each kind of encounter and class of sensor."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench encounters", description=__doc__)
     parser.add_argument("--runs", type=positive, default=50, metavar="N", help="of each kind and class (50)")
-    parser.add_argument("--first-seed", type=int, default=3000, metavar="S", help="(3000)")
-    parser.add_argument("--density", type=float, default=200.0, metavar="TREES", help="per ha (200)")
-    parser.add_argument("--speed", type=float, default=3.0, metavar="MPS", help="of each; one overtaken: a third (3)")
+    parser.add_argument("--first-seed", type=as_seed, default=3000, metavar="S", help="(3000)")
+    parser.add_argument("--density", type=as_density, default=200.0, metavar="TREES", help="per ha (200)")
+    parser.add_argument(
+        "--speed", type=number(0.1, 10.0), default=3.0, metavar="MPS", help="of each; one overtaken: a third (3)"
+    )
     classes = [sensor.value for sensor in SensorClass]
     parser.add_argument("--sensor", action="append", choices=classes, help="sensing.sensor (sectors, scan-1deg)")
     parser.add_argument("--plot", type=Path, metavar="FILE.png", help="nearest against known from, of each encounter")

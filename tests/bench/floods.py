@@ -43,6 +43,7 @@ from sim_bridge.world.sensors.table import link_name
 from sim_bridge.world.world import DEFAULT_ORIGIN, World
 from tests.bench.flood_costs import cost_rows, costs, drawn_rows
 from tests.bench.flood_datagrams import FLOODS, frames_of
+from tests.bench.options import number
 from tests.bench.setpoint_gaps import SETPOINT_ID, TIMESTAMPNS, point_mass, received
 from tests.bench.table import Row
 
@@ -330,7 +331,7 @@ def _row(what: str, seen: Seen, calm: Seen, for_s: float) -> Row:
 def main(argv: Sequence[str]) -> int:
     """0 where all bounds are kept."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench floods", description=__doc__)
-    parser.add_argument("--seconds", type=float, default=8.0, metavar="S", help="of each flood (8)")
+    parser.add_argument("--seconds", type=number(0.1, 3600.0), default=8.0, metavar="S", help="of each flood (8)")
     parser.add_argument(
         "--costs", action="store_true", help="only what single datagrams cost, the dearest 20 of each link"
     )

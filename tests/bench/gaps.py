@@ -24,6 +24,7 @@ from mission.common.frames import Vec3
 from mission.document.model import Mission
 from mission.schema.check import validated
 from sim_bridge.drive.fly import Flight
+from sim_bridge.options.search import as_seed
 from sim_bridge.options.study import positive
 from sim_bridge.world.world import DEFAULT_ORIGIN
 from tests.bench.table import spread
@@ -210,7 +211,7 @@ def main(argv: Sequence[str]) -> int:
     """Prints a row for each flight, then the sums."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench gaps", description=__doc__)
     parser.add_argument("--flights", type=positive, default=20, metavar="N", help="(20)")
-    parser.add_argument("--first-seed", type=int, default=6000, metavar="S", help="(6000)")
+    parser.add_argument("--first-seed", type=as_seed, default=6000, metavar="S", help="(6000)")
     parser.add_argument("--size", type=positive, default=4, metavar="N", help="vehicles (4)")
     parser.add_argument("--kind", choices=("through", "cut"), default="through")
     parser.add_argument("--shape", choices=("wall", "funnel"), default="funnel")

@@ -25,6 +25,7 @@ from sim_bridge.drive.fly import Flight
 from sim_bridge.drive.lockstep.lockstep import InProcess
 from sim_bridge.judge.metrics import CONTACT_M
 from sim_bridge.lab.study.backends.agents import fly_stack
+from sim_bridge.options.search import as_seed
 from sim_bridge.options.study import positive
 from sim_bridge.world.world import DEFAULT_ORIGIN, TICK_S
 from tests.bench.table import spread
@@ -250,7 +251,7 @@ def main(argv: Sequence[str]) -> int:
     """Prints a row for each lie. Exit code 1: a contact, or a fence left by more than 0.1 m."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench insiders", description=__doc__)
     parser.add_argument("--flights", type=positive, default=20, metavar="N", help="of each lie (20)")
-    parser.add_argument("--first-seed", type=int, default=1, metavar="S", help="(1)")
+    parser.add_argument("--first-seed", type=as_seed, default=1, metavar="S", help="(1)")
     parser.add_argument("--lies", nargs="*", default=[lie.value for lie in Lie], metavar="LIE", help="(all)")
     parser.add_argument("--rows", type=Path, metavar="FILE", help="a JSON line for each flight, too")
     args = parser.parse_args(argv)

@@ -35,8 +35,10 @@ from sim_bridge.judge.metrics.pairs import look_at_pairs
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.run_folder import load_faults
 from sim_bridge.judge.tick import TOUCHED
+from sim_bridge.options.search import as_seed
 from sim_bridge.options.study import positive
 from sim_bridge.trunk_attenuation import range_share
+from tests.bench.options import ESTIMATES, SENSORS, as_density
 from tests.bench.table import spread
 
 EXAMPLE = Path(mission.__file__).parent / "examples" / "natural_stand.toml"
@@ -159,10 +161,12 @@ def main(argv: Sequence[str]) -> int:
     """Prints a row for each flight, then the sums."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench layers", description=__doc__)
     parser.add_argument("--flights", type=positive, default=20, metavar="N", help="with and without layers, each (20)")
-    parser.add_argument("--first-seed", type=int, default=3000, metavar="S", help="(3000)")
-    parser.add_argument("--density", type=float, default=400.0, metavar="TREES", help="per ha (400)")
-    parser.add_argument("--estimates", default="exact", metavar="KIND", help="sim.estimates (exact)")
-    parser.add_argument("--sensor", default="sectors", metavar="CLASS", help="sensing.sensor (sectors)")
+    parser.add_argument("--first-seed", type=as_seed, default=3000, metavar="S", help="(3000)")
+    parser.add_argument("--density", type=as_density, default=400.0, metavar="TREES", help="per ha (400)")
+    parser.add_argument("--estimates", choices=ESTIMATES, default="exact", metavar="KIND", help="sim.estimates (exact)")
+    parser.add_argument(
+        "--sensor", choices=SENSORS, default="sectors", metavar="CLASS", help="sensing.sensor (sectors)"
+    )
     parser.add_argument("--kill-leader", action="store_true", help="while they are cut off")
     parser.add_argument("--three-parts", action="store_true", help="two cuts of one to three each")
     parser.add_argument("--only-layers", action="store_true", help="not in one height as well")

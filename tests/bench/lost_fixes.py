@@ -21,6 +21,7 @@ import numpy as np
 import mission
 from mission.schema.kinds import RAW_LIDARS, SensorClass
 from sim_bridge import fly
+from sim_bridge.options.search import as_seed
 from sim_bridge.options.study import positive
 from tests.bench.table import spread
 
@@ -87,7 +88,7 @@ def main(argv: Sequence[str]) -> int:
     """Prints a row for each flight, then one for each way."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench lost-fixes", description=__doc__)
     parser.add_argument("--flights", type=positive, default=20, metavar="N", help="of each way (20)")
-    parser.add_argument("--first-seed", type=int, default=4000, metavar="S", help="(4000)")
+    parser.add_argument("--first-seed", type=as_seed, default=4000, metavar="S", help="(4000)")
     parser.add_argument("--jobs", type=positive, default=2, metavar="N", help="flights at once (2)")
     args = parser.parse_args(argv)
     seeds = range(args.first_seed, args.first_seed + args.flights)

@@ -27,6 +27,7 @@ from companion.core.safety.safety_filter import SafetyFilter
 from companion.core.safety.surroundings import Surroundings
 from mission.common.frames import Vec3
 from mission.document.model import Mission
+from sim_bridge.options.search import as_seed
 from sim_bridge.options.study import positive
 from tests.bench.table import spread
 from tests.unit.core.core_kit import beacon, mission
@@ -191,7 +192,7 @@ def main(argv: Sequence[str]) -> int:
     """Prints a row for each kind."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench meetings", description=__doc__)
     parser.add_argument("--runs", type=positive, default=30, metavar="N", help="of each kind (30)")
-    parser.add_argument("--first-seed", type=int, default=7000, metavar="S", help="(7000)")
+    parser.add_argument("--first-seed", type=as_seed, default=7000, metavar="S", help="(7000)")
     parser.add_argument("--jobs", type=positive, default=1, metavar="N", help="at once (1)")
     args = parser.parse_args(argv)
     print(

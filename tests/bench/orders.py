@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from companion.core.model.states import Order
 from companion.keys.crypto import Verifier, public_key
 from companion.mavlink.orders.order import OrderKind, order_holds
+from sim_bridge.options.search import as_seed
 from sim_bridge.options.study import positive
 from tests.unit.mavlink.orders_kit import BOOTS, DIGEST, FLIGHT, OPERATOR_SEED, TICK_S, VEHICLE_SEED, Vehicle, frame
 from tests.unit.mavlink.orders_kit import order as make
@@ -213,7 +214,7 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument(
         "--seeds", type=positive, default=1000, metavar="N", help="spreads of each topology and loss (1000)"
     )
-    parser.add_argument("--first-seed", type=int, default=7000, metavar="S", help="(7000)")
+    parser.add_argument("--first-seed", type=as_seed, default=7000, metavar="S", help="(7000)")
     args = parser.parse_args(argv)
     failed = 0
     for line, is_bad in tables(args.count, args.floods, args.seeds, args.first_seed):

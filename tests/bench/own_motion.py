@@ -20,6 +20,7 @@ from mission.document.model import Lidar as LidarErrors
 from mission.document.model import Mission
 from mission.schema.kinds import RAW_LIDARS, SensorClass
 from mission.stand.stand import Stand, stand_of
+from sim_bridge.options.search import as_seed
 from sim_bridge.options.study import positive
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot.estimates.errors import errors_of
@@ -28,6 +29,7 @@ from sim_bridge.world.sensors.lidar import Lidar
 from sim_bridge.world.sensors.raw_lidar import PIECE_RAYS, RawLidar
 from sim_bridge.world.sensors.scan import STEP_RAD
 from sim_bridge.world.sensors.scene import Scene
+from tests.bench.options import as_density, number
 
 TICK_S = 0.05
 LENGTH_S = 60.0
@@ -248,11 +250,15 @@ def main(argv: Sequence[str]) -> int:
     """Prints a row for each density and class."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench own-motion", description=__doc__)
     parser.add_argument("--runs", type=positive, default=10, metavar="N", help="of each density and class (10)")
-    parser.add_argument("--first-seed", type=int, default=2000, metavar="S", help="(2000)")
-    parser.add_argument("--density", type=float, action="append", metavar="TREES", help="per ha (100, 200, 400)")
+    parser.add_argument("--first-seed", type=as_seed, default=2000, metavar="S", help="(2000)")
+    parser.add_argument("--density", type=as_density, action="append", metavar="TREES", help="per ha (100, 200, 400)")
     parser.add_argument("--sensor", type=SensorClass, action="append", metavar="CLASS", help="(all)")
-    parser.add_argument("--lean-deg", type=float, default=0.0, metavar="DEG", help="so much further forward (0)")
-    parser.add_argument("--winding", type=float, default=1.0, metavar="TIMES", help="as far to the sides (1)")
+    parser.add_argument(
+        "--lean-deg", type=number(-45.0, 45.0), default=0.0, metavar="DEG", help="so much further forward (0)"
+    )
+    parser.add_argument(
+        "--winding", type=number(0.0, 5.0), default=1.0, metavar="TIMES", help="as far to the sides (1)"
+    )
     parser.add_argument("--clearances", action="store_true", help="to trunks, as believed: see tests.bench.clearances")
     args = parser.parse_args(argv)
     if args.clearances:

@@ -16,6 +16,7 @@ from functools import partial
 from companion.core.agent import TICK_S
 from companion.core.model.states import FlightState, Order
 from sim_bridge.options.study import positive
+from tests.bench.options import as_loss
 from tests.unit.core.core_fleet import Fleet
 from tests.unit.core.core_kit import mission
 
@@ -66,7 +67,7 @@ def main(argv: Sequence[str]) -> int:
     """A row for each kind of swarm and share."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench quorum-losses", description=__doc__)
     parser.add_argument("--flights", type=positive, default=20, metavar="N", help="of each row (20)")
-    parser.add_argument("--losses", type=float, nargs="+", default=[0.3, 0.4, 0.5, 0.6], metavar="SHARE")
+    parser.add_argument("--losses", type=as_loss, nargs="+", default=[0.3, 0.4, 0.5, 0.6], metavar="SHARE")
     parser.add_argument("--sizes", type=positive, nargs="+", default=[3, 4, 8], metavar="N")
     parser.add_argument("--chain", action="store_true", help="each hears the next ones alone")
     parser.add_argument("--jobs", type=positive, default=1, metavar="N", help="flights at once (1)")

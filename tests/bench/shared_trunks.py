@@ -36,13 +36,16 @@ from mission.common.frames import Vec3
 from mission.document.model import Mission
 from sim_bridge.drive import fly
 from sim_bridge.drive.lockstep.lockstep import InProcess
+from sim_bridge.options.search import as_count, as_seed
 from sim_bridge.options.study import positive
 from sim_bridge.world.autopilot.estimates.odometry import Odometer
 from sim_bridge.world.world import DEFAULT_ORIGIN
+from tests.bench.options import as_density, as_loss, whole
 from tests.bench.table import spread
 from tests.flights import flown
 
 STUDY = Path(mission.__file__).parent / "studies" / "by_ranges.toml"
+MOST = len(tomllib.loads(STUDY.read_text())["ranging"]["start_enu_m"])  # vehicles that it has places for
 SALT = 0x7A1B
 EVERY = 10  # ticks between two looks
 FALSE_M, FALSE_RAD = 1.5, math.radians(5.0)
@@ -287,14 +290,14 @@ def main(argv: Sequence[str]) -> int:
     """Prints a row for each flight, then the pooled figures."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench shared-trunks", description=__doc__)
     parser.add_argument("--flights", type=positive, default=8, metavar="N", help="of each way (8)")
-    parser.add_argument("--first-seed", type=int, default=2000, metavar="S", help="(2000)")
-    parser.add_argument("--n", type=positive, metavar="N", help="vehicles (drawn, 4 to 8)")
-    parser.add_argument("--density", type=float, metavar="TREES", help="per ha (drawn: 100, 200, 400)")
+    parser.add_argument("--first-seed", type=as_seed, default=2000, metavar="S", help="(2000)")
+    parser.add_argument("--n", type=whole(1, MOST), metavar="N", help="vehicles (drawn, 4 to 8)")
+    parser.add_argument("--density", type=as_density, metavar="TREES", help="per ha (drawn: 100, 200, 400)")
     parser.add_argument("--alone", action="store_true", help="by trunks alone, and by range radios beside them")
     parser.add_argument("--sensor", choices=sorted(SENSORS), default="scan-1deg", help="(scan-1deg)")
     parser.add_argument("--jsbsim", action="store_true", help="on JSBSim, not on point masses")
-    parser.add_argument("--loss", type=float, metavar="SHARE", help="of beacons (drawn, up to 0.2)")
-    parser.add_argument("--tries", type=int, default=10_000, metavar="N", help="of false alignments (10000)")
+    parser.add_argument("--loss", type=as_loss, metavar="SHARE", help="of beacons (drawn, up to 0.2)")
+    parser.add_argument("--tries", type=as_count, default=10_000, metavar="N", help="of false alignments (10000)")
     parser.add_argument("--jobs", type=positive, default=os.cpu_count() or 1, metavar="N", help="at once")
     args = parser.parse_args(argv)
     seeds = range(args.first_seed, args.first_seed + args.flights)

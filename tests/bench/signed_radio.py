@@ -27,6 +27,7 @@ from mission.document.model import Mission
 from sim_bridge.drive import fly
 from sim_bridge.drive.lockstep.fleet_keys import FleetKeys
 from sim_bridge.drive.lockstep.lockstep import InProcess
+from sim_bridge.options.search import as_count, as_seed
 from sim_bridge.options.study import positive
 from sim_bridge.world.world import DEFAULT_ORIGIN, World
 from tests.bench.flights import EXAMPLES
@@ -246,12 +247,16 @@ def live_cost(size: int, rounds: int) -> None:
 def main(argv: Sequence[str]) -> int:
     """Exit code 1 when a frame was taken, or a word of an impostor counted."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench signed-radio", description=__doc__)
-    parser.add_argument("--frames", type=int, default=1_000_000, metavar="N", help="of each kind (default: 10^6)")
+    parser.add_argument("--frames", type=as_count, default=1_000_000, metavar="N", help="of each kind (default: 10^6)")
     parser.add_argument(
-        "--impostors", type=int, default=200, metavar="N", help="drawn of each way and loss (default: 200; 0: none)"
+        "--impostors",
+        type=as_count,
+        default=200,
+        metavar="N",
+        help="drawn of each way and loss (default: 200; 0: none)",
     )
     parser.add_argument("--sizes", type=positive, nargs="*", default=[4, 12, 24], metavar="N", help="vehicles")
-    parser.add_argument("--seed", type=int, default=9000, metavar="S")
+    parser.add_argument("--seed", type=as_seed, default=9000, metavar="S")
     parser.add_argument(
         "--live", type=positive, nargs="*", default=[4, 12], metavar="N", help="vehicles that are processes"
     )

@@ -29,6 +29,7 @@ from mission.document.model import Mission
 from mission.schema.kinds import RAW_LIDARS, SensorClass
 from sim_bridge.drive import fly as bridge
 from sim_bridge.judge.progress import Progress
+from sim_bridge.options.search import as_count, as_seed
 from sim_bridge.options.study import positive
 from sim_bridge.world.world import DEFAULT_ORIGIN
 from tests.bench.fix_traces import HOVERS_S, Led, trace
@@ -212,15 +213,15 @@ def main(argv: Sequence[str]) -> int:
     """Prints a row for each flight, then one for each kind."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench spoofing", description=__doc__)
     parser.add_argument("--flights", type=positive, default=14, metavar="N", help="with a fault (14)")
-    parser.add_argument("--first-seed", type=int, default=6000, metavar="S", help="(6000)")
+    parser.add_argument("--first-seed", type=as_seed, default=6000, metavar="S", help="(6000)")
     parser.add_argument("--clean", action="store_true", help="each without its fault, too")
     parser.add_argument("--point-mass", action="store_true", help="without JSBSim")
-    parser.add_argument("--open-loop", type=int, default=0, metavar="N", help="N runs of a vehicle alone instead")
+    parser.add_argument("--open-loop", type=as_count, default=0, metavar="N", help="N runs of a vehicle alone instead")
     parser.add_argument(
-        "--velocities", type=int, default=0, metavar="N", help="N runs against the own velocity instead"
+        "--velocities", type=as_count, default=0, metavar="N", help="N runs against the own velocity instead"
     )
     parser.add_argument(
-        "--open-sky", type=int, default=0, metavar="N", help="N flights where nothing else tells instead"
+        "--open-sky", type=as_count, default=0, metavar="N", help="N flights where nothing else tells instead"
     )
     args = parser.parse_args(argv)
     if args.open_sky:

@@ -18,7 +18,9 @@ from companion.stand.figures.estimate import DBH_MIN_M, StandFigures, figures_of
 from companion.stand.figures.intervals import M2_PER_HA, Estimate
 from companion.stand.fusion.fuse import fuse
 from companion.stand.records import harvest_of
+from sim_bridge.options.search import as_seed
 from sim_bridge.options.study import positive
+from tests.bench.options import number
 from tests.unit.stand.stand_kit import Survey, Trees, clustered_stand, records_of, regular_stand, rows_of, tree_of
 
 SIDES_M = (80.0, 60.0)
@@ -64,8 +66,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--stands", type=positive, default=96, metavar="N", help="drawn ones, besides the real ones (96)"
     )
-    parser.add_argument("--first-seed", type=int, default=FIRST_SEED, metavar="K", help=f"({FIRST_SEED})")
-    parser.add_argument("--frame-sd-m", type=float, default=0.6, metavar="M", help="of the vehicles' positions (0.6)")
+    parser.add_argument("--first-seed", type=as_seed, default=FIRST_SEED, metavar="K", help=f"({FIRST_SEED})")
+    parser.add_argument(
+        "--frame-sd-m", type=number(0.0, 10.0), default=0.6, metavar="M", help="of the vehicles' positions (0.6)"
+    )
     args = parser.parse_args(argv)
     sd_m = args.frame_sd_m
     judged = [j for k in range(args.stands) if (j := drawn(args.first_seed + k, frame_sd_m=sd_m)) is not None]

@@ -30,7 +30,9 @@ from sim_bridge.drive.stand_files import write_stand
 from sim_bridge.judge.metrics.stems import DBH_LEAST_M, PASSED_SHARE
 from sim_bridge.judge.run_folder import STAND_FOLDER
 from sim_bridge.lab.study.backends.agents import fly_stack
+from sim_bridge.options.search import as_seed
 from sim_bridge.options.study import positive
+from tests.bench.options import as_density
 from tests.bench.stand_map import DIAMETER, Compared, compare, read_stems
 from tests.bench.table import spread
 
@@ -184,10 +186,10 @@ def _rms_m(off_m: Floats) -> float:
 def main(argv: Sequence[str]) -> int:
     """Prints a line for each flight, and a row for each kind."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench stand-flights", description=__doc__)
-    parser.add_argument("--per-ha", nargs="+", type=float, default=[200.0, 400.0], help="trees/ha (200 400)")
+    parser.add_argument("--per-ha", nargs="+", type=as_density, default=[200.0, 400.0], help="trees/ha (200 400)")
     parser.add_argument("--vehicles", nargs="+", type=positive, default=[4, 8], help="(4 8)")
     parser.add_argument("--gnss", nargs="+", choices=("all", "leader"), default=["all", "leader"], help="(all leader)")
-    parser.add_argument("--seeds", nargs="+", type=int, default=[61, 62, 63, 64], help="of each kind (61 to 64)")
+    parser.add_argument("--seeds", nargs="+", type=as_seed, default=[61, 62, 63, 64], help="of each kind (61 to 64)")
     parser.add_argument("--jobs", type=positive, default=2, metavar="N", help="flights at once (2)")
     options = parser.parse_args(argv)
     kinds = list(product(options.per_ha, options.vehicles, options.gnss))

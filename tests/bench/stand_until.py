@@ -19,7 +19,9 @@ from companion.stand.figures.intervals import M2_PER_HA
 from companion.stand.summarise import summarise
 from companion.stand.update import PERIOD_S
 from mission.document.model import Mission
+from sim_bridge.options.search import as_seed
 from sim_bridge.options.study import positive
+from tests.bench.options import number
 from tests.unit.stand.stand_kit import Survey, Trees, clustered_stand, records_of, regular_stand, rows_of
 
 SIDES_M = (80.0, 60.0)
@@ -41,8 +43,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Exit code 0: a measurement."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench stand-until", description=__doc__)
     parser.add_argument("--stands", type=positive, default=48, metavar="N", help="(48)")
-    parser.add_argument("--first-seed", type=int, default=FIRST_SEED, metavar="K", help=f"({FIRST_SEED})")
-    parser.add_argument("--pct", type=float, nargs="+", default=[10.0, 15.0, 20.0], metavar="P", help="(10 15 20)")
+    parser.add_argument("--first-seed", type=as_seed, default=FIRST_SEED, metavar="K", help=f"({FIRST_SEED})")
+    parser.add_argument(
+        "--pct", type=number(1.0, 100.0), nargs="+", default=[10.0, 15.0, 20.0], metavar="P", help="(10 15 20)"
+    )
     args = parser.parse_args(argv)
     found: dict[float, list[Stopped]] = {pct: [] for pct in args.pct}
     for seed in range(args.first_seed, args.first_seed + args.stands):

@@ -28,7 +28,9 @@ from mission.stand.stand import stand_of
 from sim_bridge.judge import run_folder
 from sim_bridge.judge.metrics.stems import DBH_LEAST_M, MeasuredStem, match_stems
 from sim_bridge.lab.study.backends.agents import fly_stack
+from sim_bridge.options.search import as_seed
 from sim_bridge.options.study import positive
+from tests.bench.options import as_density, number
 from tests.bench.table import spread
 from tests.kept_records import records_in
 
@@ -182,10 +184,10 @@ def main(argv: Sequence[str]) -> int:
     """Prints the tables."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench survey", description=__doc__)
     parser.add_argument("--sensors", nargs="+", default=list(CLASSES), choices=list(CLASSES))
-    parser.add_argument("--per-ha", nargs="+", type=float, default=[200.0, 400.0])
-    parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3, 4])
+    parser.add_argument("--per-ha", nargs="+", type=as_density, default=[200.0, 400.0])
+    parser.add_argument("--seeds", nargs="+", type=as_seed, default=[1, 2, 3, 4])
     parser.add_argument("--vehicles", type=positive, default=1)
-    parser.add_argument("--speed", type=float, default=1.5, help="m/s")
+    parser.add_argument("--speed", type=number(0.1, 10.0), default=1.5, help="m/s")
     parser.add_argument("--leader-only", action="store_true", help="of 4 vehicles, the leader alone has satellites")
     options = parser.parse_args(argv)
     print(

@@ -30,8 +30,10 @@ from sim_bridge.judge import run_folder
 from sim_bridge.judge.metrics.stems import DBH_LEAST_M, match_stems
 from sim_bridge.judge.recording import Recording
 from sim_bridge.lab.study.backends.agents import fly_stack
+from sim_bridge.options.search import as_seed
 from sim_bridge.options.study import positive
 from sim_bridge.world.world import DEFAULT_ORIGIN
+from tests.bench.options import as_density, number
 from tests.bench.survey import CLASSES
 from tests.bench.table import spread
 from tests.kept_records import records_in
@@ -225,13 +227,15 @@ def main(argv: Sequence[str]) -> int:
     """Prints the table."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench survey-lanes", description=__doc__)
     parser.add_argument("--vehicles", nargs="+", type=positive, default=[1, 8])
-    parser.add_argument("--seeds", nargs="+", type=int, default=[31, 32])
+    parser.add_argument("--seeds", nargs="+", type=as_seed, default=[31, 32])
     parser.add_argument("--sensor", default="multi-layer", choices=list(CLASSES))
-    parser.add_argument("--sides", nargs=2, type=float, default=[80.0, 56.0], metavar=("EAST", "NORTH"), help="m")
-    parser.add_argument("--soft", type=float, default=10.0, help="separation.soft_m")
-    parser.add_argument("--lane", type=float, help="survey.lane_m")
-    parser.add_argument("--per-ha", type=float, default=300.0)
-    parser.add_argument("--speed", type=float, default=1.5, help="m/s")
+    parser.add_argument(
+        "--sides", nargs=2, type=number(1.0, 1000.0), default=[80.0, 56.0], metavar=("EAST", "NORTH"), help="m"
+    )
+    parser.add_argument("--soft", type=number(1.0, 100.0), default=10.0, help="separation.soft_m")
+    parser.add_argument("--lane", type=number(1.0, 100.0), help="survey.lane_m")
+    parser.add_argument("--per-ha", type=as_density, default=300.0)
+    parser.add_argument("--speed", type=number(0.1, 10.0), default=1.5, help="m/s")
     parser.add_argument("--jsbsim", action="store_true", help="on JSBSim quadrotors, not point masses")
     options = parser.parse_args(argv)
     print(" | ".join(COLUMNS), flush=True)

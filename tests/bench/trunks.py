@@ -21,7 +21,9 @@ import mission
 from mission.schema.kinds import RAW_LIDARS, SensorClass
 from sim_bridge import fly
 from sim_bridge.judge.tick import TOUCHED
+from sim_bridge.options.search import as_seed
 from sim_bridge.options.study import positive
+from tests.bench.options import ESTIMATES, SENSORS, as_density, number
 from tests.bench.table import spread
 
 EXAMPLE = Path(mission.__file__).parent / "examples" / "natural_stand.toml"
@@ -77,12 +79,18 @@ def main(argv: Sequence[str]) -> int:
     """Prints a row for each flight, then one for each class."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench trunks", description=__doc__)
     parser.add_argument("--flights", type=positive, default=8, metavar="N", help="of each class (8)")
-    parser.add_argument("--first-seed", type=int, default=2000, metavar="S", help="(2000)")
-    parser.add_argument("--density", type=float, default=400.0, metavar="TREES", help="per ha (400)")
-    parser.add_argument("--estimates", default="recorded", metavar="KIND", help="sim.estimates (recorded)")
-    parser.add_argument("--wind", type=float, default=0.0, metavar="MPS", help="as turbulent; direction drawn (0)")
+    parser.add_argument("--first-seed", type=as_seed, default=2000, metavar="S", help="(2000)")
+    parser.add_argument("--density", type=as_density, default=400.0, metavar="TREES", help="per ha (400)")
+    parser.add_argument(
+        "--estimates", choices=ESTIMATES, default="recorded", metavar="KIND", help="sim.estimates (recorded)"
+    )
+    parser.add_argument(
+        "--wind", type=number(0.0, 12.0), default=0.0, metavar="MPS", help="as turbulent; direction drawn (0)"
+    )
     parser.add_argument("--kill", action="store_true", help="the leader, at a drawn time in transit")
-    parser.add_argument("--sensor", action="append", metavar="CLASS", help="sensing.sensor (sectors, scan-1deg)")
+    parser.add_argument(
+        "--sensor", action="append", choices=SENSORS, metavar="CLASS", help="sensing.sensor (sectors, scan-1deg)"
+    )
     parser.add_argument("--jobs", type=positive, default=2, metavar="N", help="flights at once (2)")
     args = parser.parse_args(argv)
     sums = []
