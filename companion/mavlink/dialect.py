@@ -6686,7 +6686,7 @@ class MAVLink(object):
         near_cm                   : The lidar's least range: what is nearer counts as being there. [cm] (type:uint16_t)
         far_cm                    : Its greatest range. [cm] (type:uint16_t)
         turn_number               : Counts turns, or frames, modulo 256: the same in all pieces of one. (type:uint8_t)
-        ranges_mm                 : Range along each ray. 0: not measured; UINT16_MAX, or beyond the greatest range: nothing there. [mm] (type:uint16_t)
+        ranges_mm                 : Range along each ray. 0 or 1: not measured; UINT16_MAX, or beyond the greatest range: nothing there. Zeros at the end are no rays: a last ray that was not measured is 1. [mm] (type:uint16_t)
 
         """
         return MAVLink_swarm_lidar_scan_message(time_usec, ray_time, first_bearing, bearing_step, ray_elevation, near_cm, far_cm, turn_number, ranges_mm)
@@ -6708,7 +6708,7 @@ class MAVLink(object):
         near_cm                   : The lidar's least range: what is nearer counts as being there. [cm] (type:uint16_t)
         far_cm                    : Its greatest range. [cm] (type:uint16_t)
         turn_number               : Counts turns, or frames, modulo 256: the same in all pieces of one. (type:uint8_t)
-        ranges_mm                 : Range along each ray. 0: not measured; UINT16_MAX, or beyond the greatest range: nothing there. [mm] (type:uint16_t)
+        ranges_mm                 : Range along each ray. 0 or 1: not measured; UINT16_MAX, or beyond the greatest range: nothing there. Zeros at the end are no rays: a last ray that was not measured is 1. [mm] (type:uint16_t)
 
         """
         self.send(self.swarm_lidar_scan_encode(time_usec, ray_time, first_bearing, bearing_step, ray_elevation, near_cm, far_cm, turn_number, ranges_mm), force_mavlink1=force_mavlink1)

@@ -16,6 +16,8 @@ from companion.mavlink.schema.tables.measurements import LIDAR_SCAN, RAYS_MAX
 
 LIDAR_SCAN_ID: Final = dialect.MAVLINK_MSG_ID_SWARM_LIDAR_SCAN
 NOT_MEASURED_MM: Final = 0
+# Not measured either, and no padding: of a piece's last ray, so that all of them are counted. No lidar measures 1 mm
+LAST_NOT_MEASURED_MM: Final = 1
 NOTHING_MM: Final = 0xFFFF
 STEP_MIN_DEG: Final = 0.01  # no lidar is finer
 # Of a level lidar's rays, so many are to be measured. An LD19 has 0.62 of those of half a degree, which is too few
@@ -40,7 +42,7 @@ class LidarPiece:
     min_m: float
     max_m: float
     turn: int  # modulo 256
-    ranges_m: tuple[float, ...]  # min_m..max_m; inf: nothing within max_m; nan: not measured; the last is measured
+    ranges_m: tuple[float, ...]  # min_m..max_m; inf: nothing within max_m; nan: not measured, but for one of them
 
 
 def encode_lidar_scan(
@@ -56,7 +58,10 @@ def encode_lidar_scan(
     ranges_mm: Sequence[int],
 ) -> bytes:
     """The payload of a piece of at most RAYS_MAX rays. struct.error when a number does not fit its field."""
-    padding = [NOT_MEASURED_MM] * (RAYS_MAX - len(ranges_mm))
+    told_mm = list(ranges_mm)
+    if told_mm and told_mm[-1] == NOT_MEASURED_MM:
+        told_mm[-1] = LAST_NOT_MEASURED_MM
+    padding = [NOT_MEASURED_MM] * (RAYS_MAX - len(told_mm))
     return _PAYLOAD.pack(
         time_us,
         ray_time_s,
@@ -65,7 +70,7 @@ def encode_lidar_scan(
         elevation_deg,
         round(min_m * 100.0),
         round(max_m * 100.0),
-        *ranges_mm,
+        *told_mm,
         *padding,
         turn & 0xFF,
     )
@@ -81,8 +86,8 @@ def decode_lidar_scan(m: Any) -> LidarPiece | None:
     ranges_mm = list(m.ranges_mm)
     while ranges_mm and ranges_mm[-1] == NOT_MEASURED_MM:
         ranges_mm.pop()
-    if not ranges_mm or (len(ranges_mm) - 1) * abs(m.bearing_step) > 360.0:
-        return None
+    if all([mm <= LAST_NOT_MEASURED_MM for mm in ranges_mm]) or (len(ranges_mm) - 1) * abs(m.bearing_step) > 360.0:
+        return None  # a lidar that measures nothing at all is to fall silent, not to seem fresh
     near_m, far_m = m.near_cm / 100.0, m.far_cm / 100.0
     return LidarPiece(
         time_us=m.time_usec,
@@ -98,7 +103,7 @@ def decode_lidar_scan(m: Any) -> LidarPiece | None:
 
 
 def _range_m(mm: int, near_m: float, far_m: float) -> float:
-    if mm == NOT_MEASURED_MM:
+    if mm <= LAST_NOT_MEASURED_MM:
         return math.nan
     range_m = mm / 1000.0
     if mm == NOTHING_MM or range_m > far_m:

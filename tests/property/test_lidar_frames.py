@@ -56,7 +56,7 @@ def check(scan: LidarScan) -> None:
     """As its fields promise."""
     assert 0.0 <= scan.min_m <= scan.max_m
     assert 1 <= len(scan.ranges_m) <= RAYS_MAX
-    assert not math.isnan(scan.ranges_m[-1])
+    assert not all(math.isnan(range_m) for range_m in scan.ranges_m)
     for range_m in scan.ranges_m:
         assert math.isnan(range_m) or range_m == math.inf or scan.min_m <= range_m <= scan.max_m
     assert abs(scan.start_rad) <= math.pi + 1e-6
@@ -72,9 +72,9 @@ def check(scan: LidarScan) -> None:
     st.floats(0.25, 3.0),
     st.floats(-52.0, 52.0),
     st.integers(0, 255),
-    ranges.filter(lambda mm: bool(mm) and mm[-1] > 0),
+    ranges.filter(lambda mm: any(one > 1 for one in mm)),
 )
-def test_a_piece_comes_back(
+def test_a_piece_comes_back_with_all_its_rays(
     time_us: int, ray_time_s: float, first_deg: float, step_deg: float, elevation_deg: float, turn: int, mm: list[int]
 ) -> None:
     sent = encode_lidar_scan(
@@ -98,8 +98,14 @@ def test_a_piece_comes_back(
     assert piece.first_bearing_deg == pytest.approx(first_deg, rel=1e-6)
     assert piece.bearing_step_deg == pytest.approx(step_deg, rel=1e-6)
     assert piece.elevation_deg == pytest.approx(elevation_deg, rel=1e-6)
-    expected = tuple(math.nan if one == 0 else math.inf if one == 0xFFFF else one / 1000.0 for one in mm)
+    expected = tuple(math.nan if one <= 1 else math.inf if one == 0xFFFF else one / 1000.0 for one in mm)
     assert repr(piece.ranges_m) == repr(expected)
+
+
+@given(st.integers(1, RAYS_MAX), st.integers(0, 3))
+def test_a_piece_of_which_no_ray_was_measured_is_none(rays: int, marked: int) -> None:
+    """A lidar that measures nothing falls silent: scans that show nothing would seem fresh."""
+    assert decode_lidar_scan(message(0, (0.0, 0.0, 1.0, 0.0), (20, 1200), [0] * (rays - 1) + [min(marked, 1)])) is None
 
 
 @given(st.lists(st.tuples(messages, st.integers(1, 255), st.floats(0.0, 0.2)), min_size=1, max_size=12))

@@ -146,7 +146,7 @@ def test_a_piece_of_a_lidars_scan_is_sent_and_read_as_recorded() -> None:
     assert (piece.time_us, piece.turn, piece.min_m, piece.max_m) == (2**40 + 7, 255, 0.2, 20.0)
     assert (piece.first_bearing_deg, piece.bearing_step_deg, piece.elevation_deg) == (-90.5, 0.5, -7.25)
     assert piece.ray_time_s == pytest.approx(0.00025)
-    assert repr(piece.ranges_m[:7]) == repr((math.nan, 0.2, 0.2, 12.345, math.inf, math.inf, math.inf))
+    assert repr(piece.ranges_m[:7]) == repr((math.nan, math.nan, 0.2, 12.345, math.inf, math.inf, math.inf))
     assert piece.ranges_m[-1] == 0.404
 
 

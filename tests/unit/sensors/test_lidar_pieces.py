@@ -43,7 +43,14 @@ def test_a_piece_is_told_in_the_bodys_frame() -> None:
 def test_what_was_not_measured_and_what_is_not_there_are_told_apart() -> None:
     told = message(ranges_mm=[0, 65535, 12_001, 12_000, 150, 200, 0, 0])
     ((found,), _) = pieces_of((told, 10.0))
-    assert repr(found.ranges_m) == repr((math.nan, math.inf, math.inf, 12.0, 0.2, 0.2))
+    assert repr(found.ranges_m) == repr((math.nan, math.inf, math.inf, 12.0, 0.2, 0.2, math.nan, math.nan))
+
+
+def test_zeros_at_the_end_are_no_rays_of_a_driver_that_does_not_mark_its_last_one() -> None:
+    told = message(ranges_mm=[3000, 0, 3000, 0, 0])
+    told.ranges_mm = [3000, 0, 3000, *[0] * 109]
+    ((found,), _) = pieces_of((told, 10.0))
+    assert repr(found.ranges_m) == repr((3.0, math.nan, 3.0))
 
 
 def test_pieces_of_a_turn_that_come_together_are_as_old_as_they_were_measured_one_after_the_other() -> None:

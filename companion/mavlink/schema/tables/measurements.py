@@ -214,7 +214,8 @@ LIDAR_SCAN: Final = Message(
         field(
             "ranges_mm",
             f"uint16_t[{RAYS_MAX}]",
-            "Range along each ray. 0: not measured; UINT16_MAX, or beyond the greatest range: nothing there.",
+            "Range along each ray. 0 or 1: not measured; UINT16_MAX, or beyond the greatest range: nothing there. "
+            "Zeros at the end are no rays: a last ray that was not measured is 1.",
             unit="mm",
         ),
     ),
