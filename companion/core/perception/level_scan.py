@@ -42,7 +42,7 @@ class ScanClass:
 class LevelScan:
     """Rays in the order of their bearings round the vehicle, whatever the first one's and either way round."""
 
-    __slots__ = ("bearings_rad", "eyes_east_m", "eyes_north_m", "ranges_m", "step_rad")
+    __slots__ = ("bearings_rad", "eyes_east_m", "eyes_north_m", "has_looked", "ranges_m", "step_rad")
 
     def __init__(self, step_rad: float) -> None:
         """`step_rad`: from ray to ray, > 0."""
@@ -51,6 +51,7 @@ class LevelScan:
         self.ranges_m: list[float] = []  # level; inf: nothing there, nan: not measured, or not at this height
         self.eyes_north_m: list[float] = []  # where the vehicle was, in the frame of the own odometry
         self.eyes_east_m: list[float] = []
+        self.has_looked: list[bool] = []  # of each bearing, whether a ray did; empty: at all of them
 
     def add_ray(self, bearing_rad: float, range_m: float, eye_north_m: float, eye_east_m: float) -> None:
         """The next ray."""
@@ -69,19 +70,32 @@ class LevelScan:
 
         One that is not measured may have met the foot of a trunk, below the vehicle's height.
         """
-        count = len(self.ranges_m)
         if not self.is_whole:
             return False
-        n, e = north_m - self.eyes_north_m[0], east_m - self.eyes_east_m[0]
-        around = math.remainder(self.bearings_rad[count // 4] - self.bearings_rad[0], math.tau)
-        turned_rad = math.atan2(e, n) - self.bearings_rad[0]
-        first = math.floor((turned_rad if around > 0.0 else -turned_rad) / self.step_rad + 0.5)
+        first = self._find_ray(north_m, east_m)
+        count = len(self.ranges_m)
         for k in (first - 1, first, first + 1):
             at = k % count
             n, e = north_m - self.eyes_north_m[at], east_m - self.eyes_east_m[at]
             if not self.ranges_m[at] > math.sqrt(n * n + e * e) + by_m:
                 return False
         return True
+
+    def looked_at(self, north_m: float, east_m: float) -> bool:
+        """A ray of a whole turn went towards a place, whatever it met."""
+        return not self.has_looked or self.has_looked[self._find_ray(north_m, east_m) % len(self.has_looked)]
+
+    def is_cut_off(self, first: int, last: int) -> bool:
+        """Beside these rays, side by side, is a bearing at which none looked: what they hit may go on there."""
+        count = len(self.has_looked)
+        return count > 0 and not (self.has_looked[(first - 1) % count] and self.has_looked[(last + 1) % count])
+
+    def _find_ray(self, north_m: float, east_m: float) -> int:
+        """Index of the ray towards a place, modulo their number; of a whole turn."""
+        n, e = north_m - self.eyes_north_m[0], east_m - self.eyes_east_m[0]
+        around = math.remainder(self.bearings_rad[len(self.ranges_m) // 4] - self.bearings_rad[0], math.tau)
+        turned_rad = math.atan2(e, n) - self.bearings_rad[0]
+        return math.floor((turned_rad if around > 0.0 else -turned_rad) / self.step_rad + 0.5)
 
 
 @final

@@ -15,7 +15,9 @@ from collections.abc import Sequence
 from typing import Final, final
 
 from companion.core.model.events import LidarScan, Position
+from companion.core.model.sound_rays import can_be
 from companion.core.perception.level_scan import GROUND_M, FlattestRays, LevelScan, axes_ned
+from companion.core.perception.level_turn import LevelTurn
 from companion.core.perception.obstacle_map import ObstacleMap
 from companion.core.perception.vehicles.hovering_hulls import HoveringHulls
 from companion.core.vehicle.obstacle_sensor_monitor import SENSORS_MAX
@@ -31,6 +33,7 @@ BINS: Final = 180  # of what a turn saw free: some rays in each, or it is taken 
 STEEP: Final = 0.5  # sine; a steeper ray leaves the band within 2 m, and says nothing of a way
 UNSEEN_M: Final = -1.0
 LAYER_RAD: Final = 1e-3  # elevations that differ by more are of two layers
+TURN_MAX_S: Final = 2.0  # what comes later is of another turn, though a lidar that began anew numbers it alike
 
 
 @final
@@ -46,8 +49,16 @@ class _Turn:
         self.eye_ne_m: Final = eye_ne_m  # where its first ray began, about the map's anchor
         self.hit_m: list[float] = [math.inf] * BINS  # the nearest hit
         self.reach_m: list[float] = [UNSEEN_M] * BINS  # the farthest that a ray went within the band
-        self.level: LevelScan | None = None  # of the layer that its sensor has
+        self.level: LevelTurn | None = None  # of the layer that its sensor has
         self.flattest: FlattestRays | None = None  # instead, where it has several
+
+    def as_far_as_seen(self, now_s: float) -> LevelScan | None:
+        """Its level scan, when the next one begins; None: it was told, or too little of it came, or long ago."""
+        if now_s - self.measured_s > TURN_MAX_S:
+            return None
+        if self.flattest is not None:
+            return self.flattest.as_scan()
+        return None if self.level is None else self.level.as_far_as_seen()
 
     def note_hit(self, bearing_rad: float, away_m: float) -> None:
         """A ray was stopped within the band."""
@@ -81,34 +92,35 @@ class LidarMapper:
     ) -> LevelScan | None:
         """Takes in a piece; a turn's level scan when it is whole, placed as its pieces were.
 
-        It is by the last piece of a turn, of several layers by the first of the next. `own`: position now; `ignore`:
-        where neighbours are, relative (NED m).
+        It is by the last piece of a turn; of several layers, and where it does not go once round, by the first of the
+        next. `own`: position now; `ignore`: where neighbours are, relative (NED m).
         """
         first, last = scan.first_attitude_rad, scan.last_attitude_rad
-        numbers = scan.age_s + scan.start_rad + scan.step_rad + scan.elevation_rad
-        for three in (own.pos_ned_m, own.vel_ned_mps, first, last):
-            numbers += three[0] + three[1] + three[2]
+        if not can_be(scan) or not _is_finite(own):
+            return None
         before = self._turns.get(scan.sensor)
-        turn = self._turn_of(scan, own, now_s) if numbers - numbers == 0.0 else None  # finite
+        turn = self._turn_of(scan, own, now_s)
         if turn is None:
             return None
-        level_scan, flattest = self._choose_level(scan, turn), turn.flattest
-        # Roll and pitch as in its middle; the yaw of each ray between first and last, about the body's own axis
+        level, flattest = self._choose_level(scan, turn), turn.flattest
         count = len(scan.ranges_m)
+        if level is not None:
+            level.begin_piece(now_s - scan.age_s, scan.start_rad, scan.step_rad, count)
+        # Roll and pitch as in its middle; the yaw of each ray between first and last, about the body's own axis
         yawed = math.remainder(last[2] - first[2], math.tau)
         x, y, z = axes_ned((first[0] + last[0]) / 2.0, (first[1] + last[1]) / 2.0, first[2] + yawed / 2.0)
         step = scan.step_rad + (yawed / (count - 1) if count > 1 else 0.0)
         bearing = scan.start_rad - (yawed / 2.0 if count > 1 else 0.0)
-        level, down = math.cos(scan.elevation_rad), -math.sin(scan.elevation_rad)
-        ahead, right = level * math.cos(bearing), level * math.sin(bearing)
+        flat, down = math.cos(scan.elevation_rad), -math.sin(scan.elevation_rad)
+        ahead, right = flat * math.cos(bearing), flat * math.sin(bearing)
         cos_step, sin_step = math.cos(step), math.sin(step)
         for k in range(count):
             range_m = scan.ranges_m[k]
             n = ahead * x[0] + right * y[0] + down * z[0]
             e = ahead * x[1] + right * y[1] + down * z[1]
             d = ahead * x[2] + right * y[2] + down * z[2]
-            if level_scan is not None:
-                _add_level_ray(level_scan, scan, k, (n, e, d), own)
+            if level is not None:
+                _add_level_ray(level, scan, k, (n, e, d), own)
             if range_m == range_m:  # measured
                 if flattest is not None:
                     _add_flat_ray(flattest, scan, k, (n, e, d), own)
@@ -116,15 +128,13 @@ class LidarMapper:
             elif flattest is not None:
                 flattest.miss_ray(flattest.index_of(scan.start_rad + k * scan.step_rad), abs(d))
             ahead, right = ahead * cos_step - right * sin_step, right * cos_step + ahead * sin_step
-        if before is not None and before is not turn and before.flattest is not None:
-            return before.flattest.as_scan()
-        if level_scan is None or not level_scan.is_whole:
-            return None
-        turn.level = LevelScan(level_scan.step_rad)  # what is still to come of the turn is no other
-        return level_scan
+        whole = None if level is None else level.take_whole()
+        if whole is None and before is not None and before is not turn:
+            return before.as_far_as_seen(now_s)
+        return whole
 
-    def _choose_level(self, scan: LidarScan, turn: _Turn) -> LevelScan | None:
-        """The level scan of the one layer that the sensor has; None: it has several, or a piece of it shows nothing."""
+    def _choose_level(self, scan: LidarScan, turn: _Turn) -> LevelTurn | None:
+        """The level turn of the one layer that the sensor has; None: it has several, or a piece of it shows nothing."""
         first_rad = self._elevations_rad.setdefault(scan.sensor, scan.elevation_rad)
         if abs(scan.elevation_rad - first_rad) > LAYER_RAD:
             self._layered.add(scan.sensor)
@@ -135,7 +145,7 @@ class LidarMapper:
             if turn.flattest is None:
                 turn.flattest = FlattestRays(abs(scan.step_rad))
         elif turn.level is None:
-            turn.level = LevelScan(abs(scan.step_rad))
+            turn.level = LevelTurn(scan.step_rad)
         return turn.level
 
     def _take_ray(
@@ -171,7 +181,7 @@ class LidarMapper:
     def _turn_of(self, scan: LidarScan, own: Position, now_s: float) -> _Turn | None:
         """The turn that a piece belongs to; the one before is whole by then. None: too many sensors."""
         turn = self._turns.get(scan.sensor)
-        if turn is not None and turn.number == scan.turn:
+        if turn is not None and turn.number == scan.turn and now_s - scan.age_s - turn.measured_s <= TURN_MAX_S:
             return turn
         if turn is None and len(self._turns) >= SENSORS_MAX:
             return None
@@ -187,7 +197,14 @@ class LidarMapper:
         return turn
 
 
-def _add_level_ray(level: LevelScan, scan: LidarScan, k: int, way_ned: Vec3, own: Position) -> None:
+def _is_finite(own: Position) -> bool:
+    numbers = 0.0
+    for three in (own.pos_ned_m, own.vel_ned_mps):
+        numbers += three[0] + three[1] + three[2]
+    return numbers - numbers == 0.0
+
+
+def _add_level_ray(level: LevelTurn, scan: LidarScan, k: int, way_ned: Vec3, own: Position) -> None:
     """A ray of the one layer."""
     eye_n, eye_e = _eye_of(scan, k, own)
     level.add_ray(math.atan2(way_ned[1], way_ned[0]), _level_m(scan, k, way_ned, own), eye_n, eye_e)

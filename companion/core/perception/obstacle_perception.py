@@ -283,7 +283,7 @@ class SensingPerception(ObstaclePerception):
         unheard: int,
         now_s: float,
     ) -> None:
-        self._sight.note_turn(level, now_s)
+        self._sight.note_turn(sensor, level, now_s)
         self._noise.note_turn(sensor, level, now_s)
         hovering = self._hulls.places()
         stems = self.motion.integrate_turn(

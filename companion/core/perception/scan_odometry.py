@@ -357,7 +357,8 @@ class ScanOdometry:
 
     def _note_missed(self, matched: int, scan: LevelScan, now_s: float) -> None:
         """Good trunks that should be seen, and are not, scan after scan: the pose is not what it was."""
-        expected = sum([trunk.is_good and now_s - trunk.seen_s <= FRESH_S + 0.1 for trunk in self._tracks.trunks])
+        fresh = [t for t in self._tracks.trunks if t.is_good and now_s - t.seen_s <= FRESH_S + 0.1]
+        expected = sum([scan.looked_at(trunk.north_m, trunk.east_m) for trunk in fresh])
         seen = len(scan.ranges_m) > 0
         if seen and expected >= EXPECTED_LEAST and matched < MATCHED_SHARE * expected:
             self._missed += 1

@@ -72,31 +72,34 @@ class Sight:
 class SightHistory:
     """One vehicle's, in the frame in which its turns are placed."""
 
-    __slots__ = ("_taken_s", "_turns")
+    __slots__ = ("_sensors", "_taken_s", "_turns")
 
     def __init__(self) -> None:
         self._turns: list[LevelScan] = []  # the last one first
+        self._sensors: list[int] = []  # of each
         self._taken_s: list[float] = []
 
-    def note_turn(self, turn: LevelScan, now_s: float) -> None:
+    def note_turn(self, sensor: int, turn: LevelScan, now_s: float) -> None:
         """A whole turn; one that does not go once round says nothing of the rest."""
         if not turn.is_whole:
             return
-        if len(self._turns) > 1 and self._is_newest_near():  # it only stood in for the next
-            del self._turns[0], self._taken_s[0]
+        its = [k for k in range(len(self._turns)) if self._sensors[k] == sensor]
+        if len(its) > 1 and self._is_near(its[0], its[1]):  # it only stood in for the next
+            del self._turns[its[0]], self._sensors[its[0]], self._taken_s[its[0]]
         self._turns.insert(0, turn)
+        self._sensors.insert(0, sensor)
         self._taken_s.insert(0, now_s)
         while len(self._turns) > KEPT or now_s - self._taken_s[-1] > KEPT_S:
             self._turns.pop()
+            self._sensors.pop()
             self._taken_s.pop()
 
     def seen_from(self, placed_ned_m: Vec3, max_m: float) -> Sight:
         """All that was seen lately, from there; `max_m`: range of the sensor."""
         return Sight(tuple(self._turns), (placed_ned_m[0], placed_ned_m[1]), max_m)
 
-    def _is_newest_near(self) -> bool:
-        """The newest is hardly apart from the one before it."""
-        newest, before = self._turns[0], self._turns[1]
-        n = newest.eyes_north_m[0] - before.eyes_north_m[0]
-        e = newest.eyes_east_m[0] - before.eyes_east_m[0]
-        return math.sqrt(n * n + e * e) < APART_M and self._taken_s[0] - self._taken_s[1] < APART_S
+    def _is_near(self, newest: int, before: int) -> bool:
+        """A turn is hardly apart from the one before it."""
+        n = self._turns[newest].eyes_north_m[0] - self._turns[before].eyes_north_m[0]
+        e = self._turns[newest].eyes_east_m[0] - self._turns[before].eyes_east_m[0]
+        return math.sqrt(n * n + e * e) < APART_M and self._taken_s[newest] - self._taken_s[before] < APART_S

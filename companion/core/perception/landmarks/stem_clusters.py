@@ -55,7 +55,7 @@ class Stem:
         *,
         is_hidden: bool,
     ) -> None:
-        """`sd_m`: along the bearing and across it. `is_hidden`: something nearer hides an edge of it."""
+        """`sd_m`: along the bearing and across it. `is_hidden`: an edge of it, by what is nearer or unseen."""
         self.bearing_rad: Final = bearing_rad
         self.surface_m: Final = surface_m  # to the nearest of it
         self.radius_m: Final = radius_m
@@ -168,7 +168,7 @@ def _fit_stem(scan: LevelScan, kind: ScanClass, first: int, last: int) -> Stem |
     if off_m > ROUND_SIGMAS * kind.range_sd_m + ROUND_M + (0.0 if kind.has_widths else CLOSE_M):
         return None
     before_m, after_m = scan.ranges_m[(first - 1) % count], scan.ranges_m[(last + 1) % count]
-    is_hidden = before_m < near_m - HIDDEN_M or after_m < near_m - HIDDEN_M
+    is_hidden = before_m < near_m - HIDDEN_M or after_m < near_m - HIDDEN_M or scan.is_cut_off(first, last)
     along_sd_m = kind.range_sd_m / math.sqrt(seen) + RANGE_SD_M
     across_sd_m = axis_m * kind.bearing_sd_rad + (radius_m if is_hidden else 0.0)
     eye = (scan.eyes_north_m[middle], scan.eyes_east_m[middle])

@@ -71,20 +71,35 @@ def test_all_is_free_to_one_that_has_no_whole_turn() -> None:
     history = SightHistory()
     part = LevelScan(math.tau / 72)
     part.add_ray(0.0, 3.0, 0.0, 0.0)
-    history.note_turn(part, 0.0)
+    history.note_turn(1, part, 0.0)
     assert history.seen_from((0.0, 0.0, 0.0), 8.0).is_free(*HIDDEN)
 
 
 def test_turns_are_few_and_apart_and_forgotten() -> None:
     history = SightHistory()
     for k in range(100):
-        history.note_turn(turn((0.05 * k, 0.0), []), 0.1 * k)
+        history.note_turn(1, turn((0.05 * k, 0.0), []), 0.1 * k)
         assert len(history._turns) <= KEPT
     eyes_m = [one.eyes_north_m[0] for one in history._turns]
     assert eyes_m[0] == 0.05 * 99
     assert eyes_m[1] - eyes_m[-1] > 0.5
-    history.note_turn(turn((9.0, 0.0), []), 9.9 + KEPT_S + 0.1)
+    history.note_turn(1, turn((9.0, 0.0), []), 9.9 + KEPT_S + 0.1)
     assert len(history._turns) == 1
+
+
+def test_what_one_of_two_half_turn_lidars_saw_stays_until_it_has_seen_anew() -> None:
+    """A turn of the other one never takes its place: what is ahead would be seen every other time."""
+    history = SightHistory()
+    for k in range(12):
+        half = turn((0.01 * k, 0.0), [])
+        for bearing in range(72):
+            if (bearing < 18 or bearing >= 54) is (k % 2 == 1):
+                half.ranges_m[bearing] = math.nan
+        history.note_turn(1 + k % 2, half, 0.05 * k)
+        if k > 0:
+            seen = history.seen_from((0.01 * k, 0.0, 0.0), 8.0)
+            assert seen.is_free(5.0, 0.0)
+            assert seen.is_free(-5.0, 0.0)
 
 
 def test_a_vehicle_comes_to_rest_where_it_has_looked() -> None:
