@@ -64,6 +64,14 @@ class Position:
         self.vel_ned_mps = vel_ned_mps
         self.boot_s = boot_s
 
+    @property
+    def is_finite(self) -> bool:
+        """All of its numbers are."""
+        numbers = 0.0
+        for three in (self.pos_ned_m, self.vel_ned_mps):
+            numbers += three[0] + three[1] + three[2]
+        return numbers - numbers == 0.0
+
     def since_s(self, before: Position, heard_s: float) -> float:
         """Time since the reading before, which was heard `heard_s` earlier; >= 0.
 

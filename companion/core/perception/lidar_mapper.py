@@ -96,7 +96,7 @@ class LidarMapper:
         next. `own`: position now; `ignore`: where neighbours are, relative (NED m).
         """
         first, last = scan.first_attitude_rad, scan.last_attitude_rad
-        if not can_be(scan) or not _is_finite(own):
+        if not can_be(scan) or not own.is_finite:
             return None
         before = self._turns.get(scan.sensor)
         turn = self._turn_of(scan, own, now_s)
@@ -195,13 +195,6 @@ class LidarMapper:
             self._map.clear_passed(middle_n, middle_e, free_m, turn.came_s)
         turn = self._turns[scan.sensor] = _Turn(scan.turn, now_s, now_s - age_s, (north_m, east_m))
         return turn
-
-
-def _is_finite(own: Position) -> bool:
-    numbers = 0.0
-    for three in (own.pos_ned_m, own.vel_ned_mps):
-        numbers += three[0] + three[1] + three[2]
-    return numbers - numbers == 0.0
 
 
 def _add_level_ray(level: LevelTurn, scan: LidarScan, k: int, way_ned: Vec3, own: Position) -> None:

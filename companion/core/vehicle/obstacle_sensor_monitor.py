@@ -6,6 +6,7 @@ import math
 from typing import Final
 
 from companion.core.model.events import AnyScan, LidarScan
+from companion.core.model.sound_rays import can_be
 
 SENSORS_MAX: Final = 8
 ESTABLISHED_SCANS: Final = 5  # in a row: a component that sends fewer is no sensor of this vehicle
@@ -31,7 +32,9 @@ class ObstacleSensorMonitor:
         self._no_scan_since_s: float | None = None
 
     def record_scan(self, scan: AnyScan, now_s: float) -> None:
-        """Note a scan that arrives at `now_s`."""
+        """Note a scan that arrives at `now_s`; one that cannot be is none, whatever age it tells."""
+        if isinstance(scan, LidarScan) and not can_be(scan):
+            return
         sensor, measured_s = scan.sensor, now_s - scan.age_s
         if sensor not in self._scanned_s and len(self._scanned_s) >= SENSORS_MAX:
             self._forget_strays(now_s)

@@ -45,7 +45,7 @@ def attitude(roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0) -> Any:
 
 def scan(ranges_m: tuple[float, ...], **changes: Any) -> LidarScan:
     """A whole turn that ends now, of a vehicle that stands level, looking north."""
-    count = len(ranges_m)
+    count = max(1, len(ranges_m))
     first: Vec3 = changes.pop("first_attitude_rad", LEVEL)
     fields: dict[str, Any] = {
         "sensor": 196,

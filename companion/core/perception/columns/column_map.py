@@ -11,6 +11,7 @@ import math
 from typing import Final, final
 
 from companion.core.model.events import LidarScan, Position
+from companion.core.model.sound_rays import can_be
 from companion.core.perception.columns.column import Column
 from companion.core.perception.level_scan import axes_ned
 from mission.common.frames import Vec3
@@ -60,7 +61,7 @@ class ColumnMap:
 
     def integrate(self, scan: LidarScan, own: Position, now_s: float) -> None:
         """A piece of a scan, as the pose by trunks has it: `own` is the position now."""
-        if not self._columns or scan.turn % TURNS or not _is_finite(scan, own):
+        if not self._columns or scan.turn % TURNS or not can_be(scan) or not own.is_finite:
             return
         first, last, count = scan.first_attitude_rad, scan.last_attitude_rad, len(scan.ranges_m)
         if self._bins_of != scan.turn:
@@ -114,13 +115,6 @@ class ColumnMap:
             last = math.floor((middle + half) / math.tau * BINS + 0.5)
             for k in range(first, last + 1):
                 self._bins[k % BINS].append(column)
-
-
-def _is_finite(scan: LidarScan, own: Position) -> bool:
-    numbers = scan.age_s + scan.start_rad + scan.step_rad + scan.elevation_rad
-    for three in (own.pos_ned_m, own.vel_ned_mps, scan.first_attitude_rad, scan.last_attitude_rad):
-        numbers += three[0] + three[1] + three[2]
-    return numbers - numbers == 0.0
 
 
 def _bin(bearing_rad: float) -> int:
