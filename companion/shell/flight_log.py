@@ -17,6 +17,7 @@ from companion.mavlink.framing.signing import Gate
 from companion.mavlink.sensor_source import SensorSource
 from companion.shell.floods import FloodLog
 from companion.shell.links import Link
+from companion.shell.motion_log import MotionLog
 from mission.common.problems import printable
 
 COUNTERS_S = 10.0  # counters that grow are shown this often at most
@@ -85,6 +86,7 @@ class ChangeLogger:
         titles = {source.NAME: source.TITLE for source in endpoint.sensors.sources}
         self._sensors = {titles[name]: (name, link) for name, link in sensors.items()}
         self._links = {"autopilot link": autopilot} | {f"{of}'s link": link for of, (_, link) in self._sensors.items()}
+        self._motion = MotionLog(log.line, self._tell)
         self._floods = FloodLog({**self._links, "peers' link": peers}, self._tell_flood)
         self._up = {of: link.up for of, link in self._links.items()}
         self._status = endpoint.agent.status(0.0)  # of the last tick
@@ -110,9 +112,12 @@ class ChangeLogger:
         before, self._status = self._status, self._endpoint.agent.status(now_s)
         if self._status.state is not before.state:
             self._log.line(now_s, f"state {before.state.name.lower()} -> {self._status.state.name.lower()}")
-        if self._status.motion_seen is not before.motion_seen:
-            by = "corrected by trunks in sight" if self._status.motion_seen else "as reported, too few trunks in sight"
-            self._log.line(now_s, f"own motion: {by}")
+        self._motion.update(
+            now_s,
+            is_corrected=self._status.motion_seen,
+            is_airborne=self._status.airborne,
+            sees_something=self._sees_something,
+        )
         self._log_leader(now_s)
         self._log_foreign_autopilots(now_s)
         self._log_signatures(now_s)
@@ -171,17 +176,23 @@ class ChangeLogger:
             found[f"errors of the {title}'s link"] = link.errors
         return found | self._floods.counters()
 
+    def _sees_something(self) -> bool:
+        return self._endpoint.agent.perception.sees_something(self._status.position)
+
+    def _tell(self, say: Say) -> None:
+        """To the operator, and so with the next tick to this log."""
+        (self._recorded or self._endpoint.report_surroundings)(say)
+
     def _tell_flood(self, now_s: float, text: str, is_over: bool) -> None:
-        """To the operator, and so with the next tick to this log; which beacons arrive, at once."""
-        report = self._recorded or self._endpoint.report_surroundings
-        report(Say(Severity.NOTICE if is_over else Severity.WARNING, brief(text)))
+        """Besides, which beacons arrive, at once."""
+        self._tell(Say(Severity.NOTICE if is_over else Severity.WARNING, brief(text)))
         shares = {one.beacon.sender: one.share for one in self._endpoint.agent.localiser.neighbours}
         if is_over or not shares:
             return
         share, vehicle = min((share, vehicle) for vehicle, share in shares.items())
         if share < FEW:
             lost = f"vehicle {vehicle}'s beacons: {100.0 * (1.0 - share):.0f} % lost"
-            report(Say(Severity.WARNING, lost))
+            self._tell(Say(Severity.WARNING, lost))
         each = ", ".join(f"{vehicle} {100.0 * share:.0f} %" for vehicle, share in sorted(shares.items()))
         self._log.line(now_s, f"beacons that arrive: {each}")
 

@@ -10,11 +10,21 @@ import argparse
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from companion.core.model.events import LidarScan, ObstacleScan, Position
 from companion.core.perception.obstacle_perception import SensingPerception
+from companion.mavlink.framing import wire
+from companion.mavlink.lidar_scan import (
+    LIDAR_SCAN_ID,
+    NOT_MEASURED_MM,
+    NOTHING_MM,
+    LidarPiece,
+    decode_lidar_scan,
+    encode_lidar_scan,
+)
 from mission.common.frames import Vec3
 from mission.document.model import Lidar as LidarErrors
 from mission.document.model import Mission
@@ -210,7 +220,7 @@ def _thinned(stand: Stand, states: Sequence[AirframeState]) -> Stand:
 def scan_events(
     ranges_m: object, sensor: SensorClass, mission: Mission, state: AirframeState, yaw_off: float
 ) -> Iterator[ObstacleScan | LidarScan]:
-    """A turn that ends now, as the companion has it a tick later."""
+    """A turn that ends now, as the companion has it a tick later: of a lidar what its messages tell of it."""
     assert mission.sensing is not None
     roll, pitch, yaw = state.attitude_rad
     max_m = mission.sensing.range_m
@@ -222,24 +232,48 @@ def scan_events(
     for elevation_deg, row in zip(lidar.elevations_deg, np.asarray(ranges_m), strict=True):
         ray_s = 1.0 / mission.sensing.rate_hz / len(row)
         for first in range(0, len(row), PIECE_RAYS):
-            part = tuple(float(r) for r in row[first : first + PIECE_RAYS])
+            part = row[first : first + PIECE_RAYS]
             before = (len(row) - 1 - first) * ray_s
             after = before - (len(part) - 1) * ray_s
             turns = [(roll, pitch, yaw + yaw_off - state.rates_radps[2] * age_s) for age_s in (before, after)]
-            yield LidarScan(
-                196,
-                _turn(state),
-                part,
-                math.radians(elevation_deg),
-                math.radians(lidar.step_deg * first),
-                math.radians(lidar.step_deg),
-                0.2,
-                max_m,
-                LATE_S + before,
-                ray_s,
-                turns[0],
-                turns[1],
+            piece = _sent(
+                time_us=0,
+                ray_time_s=ray_s,
+                first_bearing_deg=lidar.step_deg * first,
+                bearing_step_deg=lidar.step_deg,
+                elevation_deg=elevation_deg,
+                min_m=0.2,
+                max_m=max_m,
+                turn=_turn(state),
+                ranges_mm=[_mm(float(range_m)) for range_m in part],
             )
+            if piece is not None:
+                yield LidarScan(
+                    196,
+                    piece.turn,
+                    piece.ranges_m,
+                    math.radians(piece.elevation_deg),
+                    math.radians(piece.first_bearing_deg),
+                    math.radians(piece.bearing_step_deg),
+                    piece.min_m,
+                    piece.max_m,
+                    LATE_S + before,
+                    piece.ray_time_s,
+                    turns[0],
+                    turns[1],
+                )
+
+
+def _sent(**fields: Any) -> LidarPiece | None:
+    """A piece as its receiver has it."""
+    frame = wire.frame(LIDAR_SCAN_ID, encode_lidar_scan(**fields), seq=0, system=1, component=196)
+    return decode_lidar_scan(wire.fields(frame))
+
+
+def _mm(range_m: float) -> int:
+    if math.isnan(range_m):
+        return NOT_MEASURED_MM
+    return NOTHING_MM if math.isinf(range_m) else round(1000.0 * range_m)
 
 
 def _turn(state: AirframeState) -> int:

@@ -152,6 +152,10 @@ class ObstaclePerception(ABC):
         """Level distance of what was seen nearest: without a sensor inf."""
         return math.inf
 
+    def sees_something(self, own: Position | None) -> bool:  # noqa: ARG002
+        """Something stands within the sensor's range: without a sensor nothing is seen."""
+        return False
+
     def _trunks_from(self, placed_ned_m: Vec3) -> list[Obstacle]:
         return [trunk.seen_from(placed_ned_m) for trunk in self._trunks]
 
@@ -323,6 +327,13 @@ class SensingPerception(ObstaclePerception):
             return math.inf
         norths, easts = self._map.find_near(self.motion.correct_place(own.pos_ned_m), NEAR_M)
         return min([math.hypot(norths[k], easts[k]) for k in range(len(norths))], default=math.inf)
+
+    def sees_something(self, own: Position | None) -> bool:
+        """By the map."""
+        if own is None:
+            return False
+        norths, _ = self._map.find_near(self.motion.correct_place(own.pos_ned_m), self._map.max_m)
+        return len(norths) > 0
 
     def clear_ghosts(
         self, silent: dict[int, PeerReport], own_ned_m: Vec3, now_s: float, reported: Sequence[Vec3] = ()

@@ -177,26 +177,6 @@ def test_growing_counters_are_logged_every_ten_seconds_at_most(watched: Watched)
     assert "of the peers without a beacon 201" in lines()[1]
 
 
-def test_own_motion_that_trunks_correct_and_do_not_any_more_is_logged(
-    log_file: tuple[FlightLog, Callable[[], list[str]]],
-) -> None:
-    log, lines = log_file
-    endpoint = endpoint_of(mission(sensing={}), {"obstacles": True})
-    link: Any = SimpleNamespace(up=True, errors=0, lost=0)
-    watch = ChangeLogger(log, endpoint, link, link)
-    perception: Any = endpoint.agent.perception
-    perception.motion.velocity_bias_ne_mps = (0.1, 0.0)
-    watch.log_changes(0.0, [])
-    perception.motion.velocity_bias_ne_mps = (0.2, 0.0)
-    watch.log_changes(0.1, [])
-    perception.motion.velocity_bias_ne_mps = None
-    watch.log_changes(0.2, [])
-    assert lines_of(lines) == [
-        "own motion: corrected by trunks in sight",
-        "own motion: as reported, too few trunks in sight",
-    ]
-
-
 def lines_of(lines: Callable[[], list[str]]) -> list[str]:
     return [line.split("] ")[1] for line in lines()]
 
