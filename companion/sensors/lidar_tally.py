@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -17,6 +18,10 @@ from mission.schema.kinds import RAW_LIDARS
 LAYERS_MAX: Final = 128  # of one lidar, that are told apart
 LAYERS_MIN_SHARE: Final = 0.8  # of the mission's
 STEP_MAX_SHARE: Final = 1.1  # of the mission's: a lidar may turn a little faster than it is to
+RAYS_FEW_SHARE: Final = 0.75  # fewer of its rays are told as a warning: nearly a third are missing
+GAP_MIN_DEG: Final = (
+    3  # of bearings of which no ray is ever measured: two of a degree that are missing cut a stem in two
+)
 TURNED_DEG: Final = 20.0  # by so much the layers' ends differ where a lidar hangs the other way up
 
 
@@ -33,6 +38,7 @@ class LidarTally(ScanTally):
         self._turns: dict[tuple[int, int], int] = {}
         self._layers_deg: dict[tuple[int, int], set[float]] = {}
         self._steps_deg: dict[tuple[int, int], float] = {}
+        self._degrees: dict[tuple[int, int], set[int]] = {}  # bearings of which a ray was measured
         self._rays: dict[tuple[int, int], tuple[int, int]] = {}  # measured, and all, in bearings with one measured
 
     def note_message(self, m: Any, who: tuple[int, int], _now_s: float) -> bool:
@@ -56,6 +62,11 @@ class LidarTally(ScanTally):
             at_bearing(math.radians(piece.first_bearing_deg + k * piece.bearing_step_deg))
             for k in range(len(piece.ranges_m))
         ]
+        self._degrees.setdefault(who, set()).update(
+            math.floor(piece.first_bearing_deg + k * piece.bearing_step_deg + 1e-3) % 360
+            for k, range_m in enumerate(piece.ranges_m)
+            if not math.isnan(range_m)
+        )
         measured = [at for at, range_m in zip(bearings, piece.ranges_m, strict=True) if not math.isnan(range_m)]
         seen = set(measured)
         self._seen.setdefault(who, set()).update(seen)
@@ -91,7 +102,10 @@ class LidarTally(ScanTally):
         return finding
 
     def check_sensing(self, sensing: Sensing, vehicle_id: int, ended_s: float, where: str) -> Finding:
-        """As for sectors; besides, step, rays and layers that the mission's lidar has, these the right way up."""
+        """As for sectors; besides, step, rays and layers that the mission's lidar has, these the right way up.
+
+        A warning: bearings of a level lidar of which nothing is ever measured, or nearly too few rays.
+        """
         finding = super().check_sensing(sensing, vehicle_id, ended_s, where)
         own = [sensor for sensor in self.sensors(ended_s) if sensor.system == vehicle_id]
         layers_deg = [deg for sensor in own for deg in sensor.layers_deg]
@@ -115,4 +129,34 @@ class LidarTally(ScanTally):
             "its layers are not level, as that of sensing.sensor is": is_turned and len(wanted_deg) == 1,
         }
         fixes = [finding.fix, *(text for text, there in problems.items() if there)]
-        return replace(finding, wanted=wanted, fix="; ".join(fix for fix in fixes if fix))
+        fix = "; ".join(fix for fix in fixes if fix)
+        doubts = (
+            "" if fix or len(wanted_deg) > 1 else self._doubts(own, sensing.field_of_view_deg, 360.0 / lidar.step_deg)
+        )
+        return replace(finding, wanted=wanted, fix=fix or doubts, is_warning=bool(doubts))
+
+    def _doubts(self, own: Sequence[Sensor], field_of_view_deg: float, rays: float) -> str:
+        """What of a level lidar's turn is missing though it may be flown by; empty: nothing."""
+        degrees = set[int]().union(*(self._degrees[sensor.system, sensor.component] for sensor in own))
+        half_deg = math.floor(field_of_view_deg / 2.0)
+        gaps = [gap for gap in _gaps(degrees, half_deg) if gap[1] - gap[0] >= GAP_MIN_DEG]
+        texts = [
+            f"no ray from {first % 360} to {end % 360} deg is ever measured: a mast, a mask?" for first, end in gaps
+        ]
+        if any(sensor.rays_share < 1.0 and sensor.rays_a_turn[0] < RAYS_FEW_SHARE * rays for sensor in own):
+            texts.append("nearly a third of its rays are not measured: dirt, sun, a cover?")
+        return "; ".join(texts)
+
+
+def _gaps(degrees: set[int], half_deg: int) -> list[tuple[int, int]]:
+    """First degree, and the one behind the last, of bearings of which none is there, within so much of ahead."""
+    found: list[tuple[int, int]] = []
+    # A whole turn begins behind a bearing that is there: no gap is cut in two
+    begin = next((deg for deg in range(-180, 180) if deg % 360 in degrees), -180) if half_deg >= 180 else -half_deg
+    first = begin
+    for deg in range(begin, begin + 2 * half_deg + 1):
+        if deg % 360 in degrees or deg == begin + 2 * half_deg:
+            if deg > first:
+                found.append((first, deg))
+            first = deg + 1
+    return found

@@ -9,7 +9,7 @@ from companion.mavlink import dialect
 from companion.mavlink.lidar_scan import LIDAR_SCAN_ID, RAYS_MIN_SHARE
 from companion.mavlink.sensor_source import SensorSource
 from companion.sensors.lidar_pieces import LidarPieces
-from companion.sensors.lidar_tally import LidarTally
+from companion.sensors.lidar_tally import GAP_MIN_DEG, RAYS_FEW_SHARE, LidarTally
 from companion.sensors.obstacle_sensor import RATE_MIN_SHARE, VIEW_MIN_SHARE
 from companion.sensors.scans import ATTITUDE_HZ
 from mission.document.model import Mission
@@ -28,7 +28,9 @@ class RawLidar(SensorSource):
         f"{RATE_MIN_SHARE * 100:.0f} % of `sensing.rate_hz` turns or more and no gap above `sensing.stale_s`, sees as "
         "far as `sensing.range_m`, and has rays as close to one another and as many layers as its class, a level one "
         f"{RAYS_MIN_SHARE * 100:.0f} % of its class's rays or more that are measured; together they see "
-        f"{VIEW_MIN_SHARE * 100:.0f} % of `sensing.field_of_view_deg` or more."
+        f"{VIEW_MIN_SHARE * 100:.0f} % of `sensing.field_of_view_deg` or more. A warning, of level lidars: within that "
+        f"nothing is ever measured for {GAP_MIN_DEG} degrees or more, as behind a mast, or fewer than "
+        f"{RAYS_FEW_SHARE * 100:.0f} % of its class's rays are."
     )
     UNUSED = (
         "has no [sensing] with raw scans (sensing.sensor), so nothing would fly by this lidar. Set the key in the "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from typing import Any
 
 import pytest
@@ -169,12 +170,44 @@ def test_lidar_of_which_most_rays_are_never_measured_fails_with_the_figures() ->
 def test_lidar_with_some_rays_that_are_not_measured_passes() -> None:
     check = turns(0.0, ranges_mm=SOME, sensor="scan-1deg", range_m=12.0)
     assert (check.verdict, check.fix) == (Verdict.PASS, "")
-    check = turns(0.0, ranges_mm=BLOCKED, sensor="scan-1deg", range_m=12.0, field_of_view_deg=270.0)
-    assert (check.verdict, check.fix) == (Verdict.PASS, "")
     check = turns(0.0, pieces=8, step_deg=0.5, ranges_mm=HALF, sensor="scan-1deg", range_m=12.0)  # all of its class's
     assert (check.verdict, check.fix) == (Verdict.PASS, "")
     check = turns(*LAYERS_DEG, ranges_mm=HALF, sensor="multi-layer", range_m=12.0)  # its points never repeat
     assert (check.verdict, check.fix) == (Verdict.PASS, "")
+
+
+@pytest.mark.parametrize(
+    ("missing", "field_of_view_deg", "fix"),
+    [
+        (range(174, 180), 360.0, "no ray from 174 to 180 deg is ever measured: a mast, a mask?"),
+        ((358, 359, 0, 1), 360.0, "no ray from 358 to 2 deg is ever measured: a mast, a mask?"),
+        (range(178, 183), 360.0, "no ray from 178 to 183 deg is ever measured: a mast, a mask?"),
+        (range(178, 180), 360.0, ""),
+        (range(135, 226), 270.0, ""),
+        (range(100, 260), 200.0, ""),
+        (range(120, 226), 270.0, "no ray from 120 to 135 deg is ever measured: a mast, a mask?"),
+    ],
+)
+def test_bearings_of_which_nothing_is_ever_measured_are_a_warning(
+    missing: Sequence[int], field_of_view_deg: float, fix: str
+) -> None:
+    """What is there is unknown in flight; none of it grounds."""
+    tally = LidarTally(100.0)
+    for k in range(30 * 4):
+        told = [0 if 90 * (k % 4) + j in missing else 3000 for j in range(90)]
+        if any(told):
+            message = lidar_kit.message(first_bearing_deg=90.0 * (k % 4), turn=k // 4, ranges_mm=told)
+            tally.add(message, ME, 196, 100.0 + 0.025 * k)
+    wanted = sensing(sensor="scan-1deg", range_m=12.0, field_of_view_deg=field_of_view_deg)
+    check = check_of("lidar", tally.check_sensing(wanted, ME, 103.0, "udpin://x:1"))
+    assert (check.verdict, check.fix) == (Verdict.WARN if fix else Verdict.PASS, fix)
+
+
+def test_lidar_of_which_nearly_a_third_of_the_rays_are_missing_is_a_warning() -> None:
+    some = (3000, 3000, 3000, 0, 3000, 3000, 0, 3000, 3000, 0) * 9
+    check = turns(0.0, ranges_mm=some, sensor="scan-1deg", range_m=12.0)
+    assert check.verdict is Verdict.WARN
+    assert check.fix == "nearly a third of its rays are not measured: dirt, sun, a cover?"
 
 
 def test_layers_that_are_told_apart_are_bounded() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -88,9 +89,7 @@ def test_the_flight_log_has_it_and_the_operator_is_told() -> None:
     link: Any = SimpleNamespace(up=True, errors=0, lost=0)
     log: Any = SimpleNamespace(line=lambda _, text: lines.append(text))
     status = agent.status
-    agent.status = lambda now_s: SimpleNamespace(
-        **{name: getattr(status(now_s), name) for name in status(now_s).__slots__} | {"airborne": True}
-    )
+    agent.status = lambda now_s: replace(status(now_s), airborne=True)
     watch = ChangeLogger(log, endpoint, link, link, report=said.append)
 
     def fly(began_s: float) -> None:
