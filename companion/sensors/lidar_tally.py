@@ -136,7 +136,7 @@ class LidarTally(ScanTally):
         return replace(finding, wanted=wanted, fix=fix or doubts, is_warning=bool(doubts))
 
     def _doubts(self, own: Sequence[Sensor], field_of_view_deg: float, rays: float) -> str:
-        """What of a level lidar's turn is missing though it may be flown by; empty: nothing."""
+        """Texts of a warning: bearings and rays that a level lidar's turns lack; empty: none."""
         degrees = set[int]().union(*(self._degrees[sensor.system, sensor.component] for sensor in own))
         half_deg = math.floor(field_of_view_deg / 2.0)
         gaps = [gap for gap in _gaps(degrees, half_deg) if gap[1] - gap[0] >= GAP_MIN_DEG]

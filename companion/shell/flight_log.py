@@ -5,10 +5,12 @@ Losing lines never stops a flight.
 
 from __future__ import annotations
 
+import math
 import os
 import select
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
+from typing import Final
 
 from companion.core.model.actions import Say, brief
 from companion.core.model.states import Severity
@@ -17,7 +19,6 @@ from companion.mavlink.framing.signing import Gate
 from companion.mavlink.sensor_source import SensorSource
 from companion.shell.floods import FloodLog
 from companion.shell.links import Link
-from companion.shell.motion_log import MotionLog
 from mission.common.problems import printable
 
 COUNTERS_S = 10.0  # counters that grow are shown this often at most
@@ -26,6 +27,11 @@ MAX_TEXT_CHARS = 300
 UNANSWERED_S = 3.0  # it is asked for its time several times a second
 UNSIGNED = "the autopilot signs, and answers nothing that is not signed: fly with --sign-autopilot"
 FEW = 0.9  # of a neighbour's beacons: fewer in a flood, and the operator is told
+UNSEEN_S: Final = 10.0  # nothing tells it for so long, though there is something to see: the operator is told
+AGAIN_S: Final = 5.0  # and it is told for so long, until that is said
+LOOKS_S: Final = 1.0  # so often it is asked whether there is something to see
+CORRECTED: Final = "own motion: corrected by trunks in sight"
+UNSEEN: Final = Say(Severity.WARNING, "own motion as reported: too few trunks in sight")
 NO_LINKS: Mapping[str, Link] = MappingProxyType({})
 
 
@@ -65,6 +71,41 @@ class FlightLog:
             return False
 
 
+class MotionLog:
+    """One vehicle's: `update` with each tick."""
+
+    __slots__ = ("_line", "_looked_s", "_report", "_seen_since_s", "_told", "_unseen_s")
+
+    def __init__(self, line: Callable[[float, str], None], report: Callable[[Say], None]) -> None:
+        """`line`: takes what goes into the log; `report`: what the operator is told."""
+        self._line: Final = line
+        self._report: Final = report
+        self._told: bool | None = None  # that it is corrected; None: nothing yet
+        self._seen_since_s: float | None = None
+        self._unseen_s = 0.0  # with something to see
+        self._looked_s = -math.inf
+
+    def update(self, now_s: float, *, is_corrected: bool, is_airborne: bool, sees_several: Callable[[], bool]) -> None:
+        """`sees_several`: things are within the sensor's range; not asked in each tick."""
+        if is_corrected:
+            self._unseen_s = 0.0
+            if self._seen_since_s is None:
+                self._seen_since_s = now_s
+            if self._told is None or (self._told is False and now_s - self._seen_since_s >= AGAIN_S):
+                self._told = True
+                self._line(now_s, CORRECTED)
+            return
+        self._seen_since_s = None
+        if not is_airborne:
+            self._unseen_s = 0.0
+        elif now_s - self._looked_s >= LOOKS_S:
+            self._looked_s = now_s
+            self._unseen_s += LOOKS_S if sees_several() else 0.0
+            if self._unseen_s >= UNSEEN_S and self._told is not False:
+                self._told = False
+                self._report(UNSEEN)
+
+
 class ChangeLogger:
     """Notices changes of one companion, and logs them."""
 
@@ -86,7 +127,7 @@ class ChangeLogger:
         titles = {source.NAME: source.TITLE for source in endpoint.sensors.sources}
         self._sensors = {titles[name]: (name, link) for name, link in sensors.items()}
         self._links = {"autopilot link": autopilot} | {f"{of}'s link": link for of, (_, link) in self._sensors.items()}
-        self._motion = MotionLog(log.line, self._tell)
+        self._motion = MotionLog(log.line, self._tell_operator)
         self._floods = FloodLog({**self._links, "peers' link": peers}, self._tell_flood)
         self._up = {of: link.up for of, link in self._links.items()}
         self._status = endpoint.agent.status(0.0)  # of the last tick
@@ -116,7 +157,7 @@ class ChangeLogger:
             now_s,
             is_corrected=self._status.motion_seen,
             is_airborne=self._status.airborne,
-            sees_something=self._sees_something,
+            sees_several=self._sees_several,
         )
         self._log_leader(now_s)
         self._log_foreign_autopilots(now_s)
@@ -176,23 +217,23 @@ class ChangeLogger:
             found[f"errors of the {title}'s link"] = link.errors
         return found | self._floods.counters()
 
-    def _sees_something(self) -> bool:
-        return self._endpoint.agent.perception.sees_something(self._status.position)
+    def _sees_several(self) -> bool:
+        return self._endpoint.agent.perception.sees_several(self._status.position)
 
-    def _tell(self, say: Say) -> None:
+    def _tell_operator(self, say: Say) -> None:
         """To the operator, and so with the next tick to this log."""
         (self._recorded or self._endpoint.report_surroundings)(say)
 
     def _tell_flood(self, now_s: float, text: str, is_over: bool) -> None:
         """Besides, which beacons arrive, at once."""
-        self._tell(Say(Severity.NOTICE if is_over else Severity.WARNING, brief(text)))
+        self._tell_operator(Say(Severity.NOTICE if is_over else Severity.WARNING, brief(text)))
         shares = {one.beacon.sender: one.share for one in self._endpoint.agent.localiser.neighbours}
         if is_over or not shares:
             return
         share, vehicle = min((share, vehicle) for vehicle, share in shares.items())
         if share < FEW:
             lost = f"vehicle {vehicle}'s beacons: {100.0 * (1.0 - share):.0f} % lost"
-            self._tell(Say(Severity.WARNING, lost))
+            self._tell_operator(Say(Severity.WARNING, lost))
         each = ", ".join(f"{vehicle} {100.0 * share:.0f} %" for vehicle, share in sorted(shares.items()))
         self._log.line(now_s, f"beacons that arrive: {each}")
 

@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.core.model.events import LidarScan, Position
-from companion.core.model.sound_rays import can_be
 from companion.core.model.vectors import ZERO
 from companion.core.perception.obstacle_perception import build_perception
 from companion.core.vehicle.obstacle_sensor_monitor import NO_SCAN, ObstacleSensorMonitor
@@ -83,9 +82,9 @@ def test_no_rays_raise_and_all_that_comes_of_them_are_numbers(seed: int, sensor:
 )
 def test_a_piece_that_cannot_be_is_dropped_and_is_no_fresh_scan(name: str, value: Any) -> None:
     fields: dict[str, Any] = {**SOUND, "ranges_m": (3.0,) * 90, "turn": 1}
-    assert can_be(scan(**fields))
+    assert scan(**fields).can_be
     bad = scan(**fields | {name: value})
-    assert not can_be(bad)
+    assert not bad.can_be
     perception, monitor = build_perception(mission(sensing={"sensor": "scan-1deg"}), 1), ObstacleSensorMonitor(0.3)
     perception.integrate_scan(bad, HERE, 10.0, ())
     monitor.record_scan(bad, 10.0)
@@ -96,5 +95,5 @@ def test_a_piece_that_cannot_be_is_dropped_and_is_no_fresh_scan(name: str, value
 def test_rays_of_any_lidar_can_be() -> None:
     """The finest and the coarsest, of few rays and of many, old ones, one that sees nothing."""
     for rays in (1, 2, 12, 112, 360, 36_000):
-        assert can_be(scan((math.inf,) * rays, max_m=655.35))
-    assert can_be(scan((math.nan, 1e9, 0.0), step_rad=-0.5, min_m=0.0, start_rad=-math.tau, age_s=5.0))
+        assert scan((math.inf,) * rays, max_m=655.35).can_be
+    assert scan((math.nan, 1e9, 0.0), step_rad=-0.5, min_m=0.0, start_rad=-math.tau, age_s=5.0).can_be

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,6 +12,14 @@ from companion.core.model.states import AutopilotTraits, FlightMode, LandedState
 from mission.common.frames import Vec3
 
 CLOCKS_PART_S: Final = 1.0  # a time that went on by more, against what was heard, is another clock's
+# Of rays that a lidar on a vehicle may tell
+REACH_MAX_M: Final = 1_000.0
+AGE_MAX_S: Final = 60.0
+RAY_TIME_MAX_S: Final = 0.1
+ANGLE_MAX_RAD: Final = 1_000.0  # of a yaw that turned on and on
+STEP_MIN_RAD: Final = math.radians(0.009)  # no lidar is finer
+STEP_MAX_RAD: Final = math.radians(31.0)
+SLACK: Final = 1e-6
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
@@ -183,6 +192,31 @@ class LidarScan(Scan):
         self.ray_time_s = ray_time_s
         self.first_attitude_rad = first_attitude_rad
         self.last_attitude_rad = last_attitude_rad
+
+    @property
+    def can_be(self) -> bool:
+        """All of its numbers are finite and within what a lidar on a vehicle may tell.
+
+        What comes as SWARM_LIDAR_SCAN is; sensors of installed packages tell events of their own.
+        """
+        if not (0.0 <= self.min_m <= self.max_m <= REACH_MAX_M and self.max_m > 0.0):  # all false for NaN
+            return False
+        if not (abs(self.age_s) <= AGE_MAX_S and 0.0 <= self.ray_time_s <= RAY_TIME_MAX_S):
+            return False
+        if not (abs(self.start_rad) <= math.tau + SLACK and abs(self.elevation_rad) <= math.pi / 2.0 + SLACK):
+            return False
+        count, step_rad = len(self.ranges_m), abs(self.step_rad)
+        if count == 0 or (count > 1 and not (step_rad >= STEP_MIN_RAD and (count - 1) * step_rad <= math.tau + SLACK)):
+            return False
+        if not step_rad <= max(STEP_MAX_RAD, math.tau / count + SLACK):
+            return False
+        for angle_rad in (*self.first_attitude_rad, *self.last_attitude_rad):
+            if not abs(angle_rad) <= ANGLE_MAX_RAD:
+                return False
+        for range_m in self.ranges_m:  # noqa: SIM110 - a generator is slow where it is compiled
+            if range_m < 0.0:
+                return False
+        return True
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)

@@ -15,9 +15,7 @@ from collections.abc import Sequence
 from typing import Final, final
 
 from companion.core.model.events import LidarScan, Position
-from companion.core.model.sound_rays import can_be
-from companion.core.perception.level_scan import GROUND_M, FlattestRays, LevelScan, axes_ned
-from companion.core.perception.level_turn import LevelTurn
+from companion.core.perception.level_scan import GROUND_M, FlattestRays, LevelScan, LevelTurn, axes_ned
 from companion.core.perception.obstacle_map import ObstacleMap
 from companion.core.perception.vehicles.hovering_hulls import HoveringHulls
 from companion.core.vehicle.obstacle_sensor_monitor import SENSORS_MAX
@@ -96,7 +94,7 @@ class LidarMapper:
         next. `own`: position now; `ignore`: where neighbours are, relative (NED m).
         """
         first, last = scan.first_attitude_rad, scan.last_attitude_rad
-        if not can_be(scan) or not own.is_finite:
+        if not scan.can_be or not own.is_finite:
             return None
         before = self._turns.get(scan.sensor)
         turn = self._turn_of(scan, own, now_s)

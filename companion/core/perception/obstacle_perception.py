@@ -16,6 +16,7 @@ from companion.core.model.events import AnyScan, ObstacleScan, Position
 from companion.core.model.neighbour import Neighbour, find_hover_places
 from companion.core.perception.columns.column_map import ColumnMap
 from companion.core.perception.landmarks.solitary_trunks import SolitaryTrunks, find_solitary
+from companion.core.perception.landmarks.stem_clusters import LEAVES_M
 from companion.core.perception.level_scan import LevelScan, ScanClass, level_scan_of
 from companion.core.perception.lidar_mapper import LidarMapper
 from companion.core.perception.motion_margin import find_wider_m
@@ -24,6 +25,7 @@ from companion.core.perception.obstacle_map import ObstacleMap
 from companion.core.perception.obstacle_memory import ObstacleMemory
 from companion.core.perception.own_motion import OwnMotion
 from companion.core.perception.scan_noise import ScanNoise
+from companion.core.perception.scan_odometry import EXPECTED_LEAST
 from companion.core.perception.sight import SightHistory
 from companion.core.perception.vehicles.ghost_tracks import GhostTracks
 from companion.core.perception.vehicles.hovering_hulls import HoveringHulls
@@ -152,8 +154,8 @@ class ObstaclePerception(ABC):
         """Level distance of what was seen nearest: without a sensor inf."""
         return math.inf
 
-    def sees_something(self, own: Position | None) -> bool:  # noqa: ARG002
-        """Something stands within the sensor's range: without a sensor nothing is seen."""
+    def sees_several(self, own: Position | None) -> bool:  # noqa: ARG002
+        """Several things stand within the sensor's range: without a sensor nothing is seen."""
         return False
 
     def _trunks_from(self, placed_ned_m: Vec3) -> list[Obstacle]:
@@ -328,12 +330,19 @@ class SensingPerception(ObstaclePerception):
         norths, easts = self._map.find_near(self.motion.correct_place(own.pos_ned_m), NEAR_M)
         return min([math.hypot(norths[k], easts[k]) for k in range(len(norths))], default=math.inf)
 
-    def sees_something(self, own: Position | None) -> bool:
+    def sees_several(self, own: Position | None) -> bool:
         """By the map."""
         if own is None:
             return False
-        norths, _ = self._map.find_near(self.motion.correct_place(own.pos_ned_m), self._map.max_m)
-        return len(norths) > 0
+        norths, easts = self._map.find_near(self.motion.correct_place(own.pos_ned_m), self._map.max_m)
+        found: list[int] = []
+        for k in range(len(norths)):
+            near = [at for at in found if math.hypot(norths[k] - norths[at], easts[k] - easts[at]) < LEAVES_M]
+            if not near:
+                found.append(k)
+            if len(found) >= EXPECTED_LEAST:
+                return True
+        return False
 
     def clear_ghosts(
         self, silent: dict[int, PeerReport], own_ned_m: Vec3, now_s: float, reported: Sequence[Vec3] = ()

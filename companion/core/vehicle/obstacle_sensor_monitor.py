@@ -6,7 +6,6 @@ import math
 from typing import Final
 
 from companion.core.model.events import AnyScan, LidarScan
-from companion.core.model.sound_rays import can_be
 
 SENSORS_MAX: Final = 8
 ESTABLISHED_SCANS: Final = 5  # in a row: a component that sends fewer is no sensor of this vehicle
@@ -33,7 +32,7 @@ class ObstacleSensorMonitor:
 
     def record_scan(self, scan: AnyScan, now_s: float) -> None:
         """Note a scan that arrives at `now_s`; one that cannot be is none, whatever age it tells."""
-        if isinstance(scan, LidarScan) and not can_be(scan):
+        if isinstance(scan, LidarScan) and not scan.can_be:
             return
         sensor, measured_s = scan.sensor, now_s - scan.age_s
         if sensor not in self._scanned_s and len(self._scanned_s) >= SENSORS_MAX:

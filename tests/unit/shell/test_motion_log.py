@@ -11,8 +11,7 @@ from companion.core.model.events import LidarScan, Position
 from companion.core.perception.obstacle_perception import build_perception
 from companion.mavlink.endpoint import Endpoint
 from companion.sensors.table import sensors_of
-from companion.shell.flight_log import ChangeLogger
-from companion.shell.motion_log import AGAIN_S, CORRECTED, UNSEEN, UNSEEN_S, MotionLog
+from companion.shell.flight_log import AGAIN_S, CORRECTED, UNSEEN, UNSEEN_S, ChangeLogger, MotionLog
 from tests.unit.core.core_kit import mission
 from tests.unit.sensors.lidar_kit import scan
 
@@ -36,7 +35,7 @@ class Told:
     def fly(self, for_s: float, *, seen: bool, airborne: bool = True, sees: bool = True) -> None:
         for _ in range(round(for_s / TICK_S)):
             self.ticks += 1
-            self.log.update(self.ticks * TICK_S, is_corrected=seen, is_airborne=airborne, sees_something=lambda: sees)
+            self.log.update(self.ticks * TICK_S, is_corrected=seen, is_airborne=airborne, sees_several=lambda: sees)
 
     @property
     def texts(self) -> list[str]:
@@ -96,7 +95,7 @@ def test_the_flight_log_has_it_and_the_operator_is_told() -> None:
         for k in range(round(2.0 * UNSEEN_S / TICK_S)):
             now_s = began_s + k * TICK_S
             if k % 2 == 0:
-                agent.perception.integrate_scan(one_trunk(k // 2), agent.flight.vehicle.position, now_s, ())
+                agent.perception.integrate_scan(some_trunks(k // 2), agent.flight.vehicle.position, now_s, ())
             watch.log_changes(now_s, [])
 
     fly(10.0)
@@ -107,18 +106,18 @@ def test_the_flight_log_has_it_and_the_operator_is_told() -> None:
     assert lines == [CORRECTED]
 
 
-def one_trunk(turn: int) -> LidarScan:
-    return scan(tuple(5.0 if k in (10, 11) else float("inf") for k in range(360)), turn=turn)
+def some_trunks(turn: int) -> LidarScan:
+    return scan(tuple(5.0 if k % 90 in (10, 11) else float("inf") for k in range(360)), turn=turn)
 
 
-def test_what_stands_within_the_sensors_range_is_something_to_see() -> None:
+def test_what_stands_within_the_sensors_range_is_seen() -> None:
     perception, here = (
         build_perception(mission(sensing={"sensor": "scan-1deg", "range_m": 12.0}), 3),
         Position((0.0, 0.0, -4.0), (0.0, 0.0, 0.0)),
     )
-    assert not perception.sees_something(here)
-    perception.integrate_scan(one_trunk(1), here, 10.0, ())
-    assert perception.sees_something(here)
-    assert not perception.sees_something(None)
-    assert not perception.sees_something(Position((30.0, 0.0, -4.0), (0.0, 0.0, 0.0)))
-    assert not build_perception(mission(), 3).sees_something(here)
+    assert not perception.sees_several(here)
+    perception.integrate_scan(some_trunks(1), here, 10.0, ())
+    assert perception.sees_several(here)
+    assert not perception.sees_several(None)
+    assert not perception.sees_several(Position((30.0, 0.0, -4.0), (0.0, 0.0, 0.0)))
+    assert not build_perception(mission(), 3).sees_several(here)

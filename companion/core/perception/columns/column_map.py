@@ -11,7 +11,6 @@ import math
 from typing import Final, final
 
 from companion.core.model.events import LidarScan, Position
-from companion.core.model.sound_rays import can_be
 from companion.core.perception.columns.column import Column
 from companion.core.perception.level_scan import axes_ned
 from mission.common.frames import Vec3
@@ -61,7 +60,7 @@ class ColumnMap:
 
     def integrate(self, scan: LidarScan, own: Position, now_s: float) -> None:
         """A piece of a scan, as the pose by trunks has it: `own` is the position now."""
-        if not self._columns or scan.turn % TURNS or not can_be(scan) or not own.is_finite:
+        if not self._columns or scan.turn % TURNS or not scan.can_be or not own.is_finite:
             return
         first, last, count = scan.first_attitude_rad, scan.last_attitude_rad, len(scan.ranges_m)
         if self._bins_of != scan.turn:
