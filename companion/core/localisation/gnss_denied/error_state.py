@@ -151,6 +151,10 @@ class ErrorStateCovariance:
             for j in range(i % 2, 2 * n, 2):
                 cov[i][j] += by_m * by_m
 
+    def inflate_yaw(self, slot: int, by_rad: float) -> None:
+        """One neighbour's compass may be off by so much more."""
+        self.cov[self.yaw(slot)][self.yaw(slot)] += by_rad * by_rad
+
     # --- what is uncertain ---
 
     def range_variance(self, a: int, b: int, u_n: float, u_e: float) -> float:
