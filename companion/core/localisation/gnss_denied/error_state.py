@@ -152,8 +152,16 @@ class ErrorStateCovariance:
                 cov[i][j] += by_m * by_m
 
     def inflate_yaw(self, slot: int, by_rad: float) -> None:
-        """One neighbour's compass may be off by so much more."""
-        self.cov[self.yaw(slot)][self.yaw(slot)] += by_rad * by_rad
+        """A neighbour's compass may be off by so much more; of one with GNSS, which tells north, those of all others.
+
+        These together, and with them the formation's turn: what they have of one another stays.
+        """
+        turned = [self.yaw(slot)]
+        if self._shares[slot] < 1.0:
+            turned = [2 * self.n, *[self.yaw(other) for other in range(-1, self.n) if other != slot]]
+        for i in turned:
+            for j in turned:
+                self.cov[i][j] += by_rad * by_rad
 
     # --- what is uncertain ---
 

@@ -18,9 +18,10 @@ PLACE: Level = (6.0, 4.0)  # of the neighbour, from this vehicle, throughout: bo
 class Pair:
     """This vehicle and its neighbour, which trunks align once a second."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, is_sure: bool = False) -> None:
+        """`is_sure`: the neighbour has satellites."""
         self.joint, self.now_s = RelativeFilter(BY_TRUNKS), 0.0
-        self.joint.initialise({2: PLACE}, 0.3)
+        self.joint.initialise({2: PLACE}, 0.3, sure=(2,) if is_sure else ())
         self.own: Level = (0.0, 0.0)
         self.its: Level = (0.0, 0.0)
 
@@ -58,6 +59,18 @@ def test_alignments_that_fit_but_for_the_turn_turn_a_neighbour(by_deg: float) ->
     pair.fly(8.0, math.radians(by_deg))
     assert math.degrees(pair.joint.compass_of(2) - pair.joint.compass[0]) == pytest.approx(by_deg, abs=0.5)
     assert pair.off_m < 0.3
+
+
+def test_the_north_of_one_with_satellites_is_right_and_that_of_all_others_is_turned() -> None:
+    """Its scans correct its heading by them: else the formation stays turned, by 0.5 m at 8 m (trunks_alone, 2000)."""
+    pair = Pair(is_sure=True)
+    pair.fly(20.0, 0.0)
+    pair.fly(8.0, math.radians(4.2))
+    own_rad, found = pair.joint.compass[0], pair.joint.relative(2)
+    assert found is not None
+    assert math.degrees(pair.joint.compass_of(2)) == pytest.approx(0.0, abs=0.7)
+    assert math.degrees(own_rad) == pytest.approx(-4.2, abs=0.7)
+    assert math.dist(found.ne_m, turned(own_rad, *PLACE)) < 0.3
 
 
 def test_a_turn_that_is_told_for_a_moment_turns_nobody() -> None:
