@@ -179,11 +179,8 @@ class RelativeFilter:
         """Trunks that both have seen: a known neighbour's odometer in the own. It counts with the next epoch."""
         self._aligned[vehicle] = found
 
-    def _take_alignment(self, found: Alignment, mover: VehicleMean, slot: int, now_s: float) -> None:
-        """Place, then turn, if all of it is within the gate.
-
-        A neighbour all of which for a while fit but for the turn flies by another north now: its trunks' was turned.
-        """
+    def _take_alignment(self, found: Alignment, mover: VehicleMean, slot: int) -> None:
+        """Place, then turn, if all of it is within the gate; some in a row that fit but for the turn: it was turned."""
         if mover.lost:
             return
         joint = self._covariance
@@ -192,12 +189,14 @@ class RelativeFilter:
                 seen, off, variance = aligned_row(found, self._me, mover, axis, joint.indices(slot))
                 ratio2 = off * off / (variance + joint.variance_of(seen))
                 if ratio2 > HARD * HARD:
-                    if axis == 2 and mover.note_turned(now_s):
+                    if axis < 2:
+                        mover.turned = 0
+                    elif mover.note_turned():
                         joint.inflate_yaw(slot, off)
                     return
                 if is_within:
                     self._correct_means(joint.correct_by(seen, off, variance * max(1.0, ratio2 / (SOFT * SOFT))))
-        mover.turned_s = -1.0
+        mover.turned = 0
 
     def advance(self, now_s: float) -> None:
         """Bring all up to now."""
@@ -214,7 +213,7 @@ class RelativeFilter:
             if self._covariance.fresh:
                 self._correct_means(self._covariance.correct())
             for vehicle in sorted(self._aligned):
-                self._take_alignment(self._aligned.pop(vehicle), self._of[vehicle], self.ids.index(vehicle), now_s)
+                self._take_alignment(self._aligned.pop(vehicle), self._of[vehicle], self.ids.index(vehicle))
             self._covariance.add_process_noise(since_s)
 
     # --- what comes out ---

@@ -40,7 +40,7 @@ ACCELERATION_MPS2: Final = 1.0  # of a neighbour between two of its odometer rea
 COASTS_S: Final = 1.0  # a neighbour that tells nothing is taken to fly on for so long, then to fly as this one does
 STRAYS_MPS: Final = 1.0  # against this vehicle, from then on, rms
 BIAS_MAX_MPS: Final = 0.15  # of what is believed of it: three standard deviations
-TURNED_S: Final = 1.8  # three alignments: a north that scans correct is turned within seconds, and stays
+TURNED_LEAST: Final = 3  # alignments in a row: a north that scans correct is turned within seconds, and stays
 KNOTS_MAX: Final = 24  # of an odometer that tells each tick more than a second
 KNOT_S: Final = 0.045  # between two: a tick, nearly
 
@@ -62,7 +62,7 @@ class VehicleMean:
         "shut_out_s",
         "told_s",
         "trunks_s",
-        "turned_s",
+        "turned",
         "vel_e",
         "vel_n",
         "went_e",
@@ -82,16 +82,12 @@ class VehicleMean:
         self.heard_s = 0.0  # the time up to which odo_n, odo_e are brought
         self.trunks_s = -math.inf  # when trunks corrected its odometer last
         self.shut_out_s = -1.0  # when its ranges began to be no good; < 0: they are
-        self.turned_s = -1.0  # when its alignments began to fit but for the turn; < 0: they do
+        self.turned = 0  # its last alignments that fit but for the turn
 
-    def note_turned(self, now_s: float) -> bool:
-        """An alignment fits but for the turn. True, once: all of them have for TURNED_S."""
-        if self.turned_s < 0.0:
-            self.turned_s = now_s
-        if now_s - self.turned_s <= TURNED_S:
-            return False
-        self.turned_s = -1.0
-        return True
+    def note_turned(self) -> bool:
+        """An alignment fits but for the turn. True: it is the last of TURNED_LEAST in a row."""
+        self.turned = (self.turned + 1) % TURNED_LEAST
+        return self.turned == 0
 
     def add_knot(self, odo_n: float, odo_e: float, told_s: float) -> None:
         """Store what its odometer told of that time, later than all before."""

@@ -81,6 +81,17 @@ def test_a_turn_that_is_told_for_a_moment_turns_nobody() -> None:
     assert math.degrees(pair.joint.compass_of(2) - pair.joint.compass[0]) == pytest.approx(0.0, abs=0.5)
 
 
+def test_turns_that_are_not_in_a_row_turn_nobody() -> None:
+    """Each third fits, or fits neither in place: a north that was turned stays so."""
+    for between_rad, aside_m in ((0.0, 0.0), (math.radians(4.2), 8.0)):
+        pair = Pair()
+        pair.fly(20.0, 0.0)
+        for _ in range(2):
+            pair.fly(2.0, math.radians(4.2))
+            pair.fly(1.0, between_rad, aside_m)
+        assert abs(math.degrees(pair.joint.compass_of(2) - pair.joint.compass[0])) < 0.5
+
+
 def test_a_neighbour_that_is_told_aside_is_turned_by_nothing() -> None:
     """It fits neither in place: so no liar moves itself sooner than the filter's own uncertainty lets it."""
     pair = Pair()
